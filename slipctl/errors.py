@@ -75,7 +75,7 @@ def check_number(what: str, given: Any, unit: str = "1") -> None:
     """
     if not isinstance(given, Real) or (isinstance(given, int) and abs(given) >= 2**1023):
         told = "" if unit == "1" else f" in {unit}"
-        raise BadInput(f"{what} takes a number{told}, not {given!r}")
+        raise BadInput(f"{what} takes a number{told}, not {value_text(given)}")
 
 
 def check_positive(what: str, given: Any, unit: str = "1") -> None:
@@ -109,9 +109,9 @@ def check_whole(what: str, given: Any, least: int = 1, most: int | None = None) 
     """
     whole = isinstance(given, Integral) or (isinstance(given, Real) and float(given).is_integer())
     if not (whole and least <= given and (most is None or given <= most)):
-        shown = given if isinstance(given, Real) else repr(given)
+        told = given if isinstance(given, Real) else value_text(given)
         wanted = f">= {least}" if most is None else f"in {least}..{most}"
-        raise BadInput(f"{what} = {shown} must be a whole number {wanted}")
+        raise BadInput(f"{what} = {told} must be a whole number {wanted}")
 
 
 def check_range(where: str, lo: Any, hi: Any) -> None:
@@ -203,11 +203,47 @@ def _wrong_kind(where: str, declared: Any, given: Mapping[str, Any]) -> str:
         if many:
             rows = value.items() if many == "**" else enumerate(value)
         for key, one in rows:
+            told = name if many is None else f"{name}[{key}]" if many == "*" else key
+            if _nested(one):
+                return f"{where}: {told} is nested deeper than {DEEPEST} lists"
             if not _is(one, kind):
-                told = name if many is None else f"{name}[{key}]" if many == "*" else key
-                shown = repr(one) if len(repr(one)) < 60 else f"of type {type(one).__name__}"
-                return f"{where}: {told} is {shown}, which is no {_told(kind)}"
+                return f"{where}: {told} is {value_text(one)}, which is no {_told(kind)}"
     return ""
+
+
+def list_of_kind(where: str, given: Any, kind: type) -> list[Any]:
+    """A list of what all is of a kind.
+
+    Raises:
+        BadInput: it is no list, or of something else.
+    """
+    matrix = hasattr(given, "sparsity")  # of CasADi, which are not iterable by design
+    found = list(given) if isinstance(given, Iterable) and not matrix else [None]
+    if not all(isinstance(one, kind) for one in found):
+        raise BadInput(f"{where}: give a list of {kind.__name__}, not {value_text(given)}")
+    return found
+
+
+DEEPEST = 50
+"""Lists in lists that an argument may be made of."""
+
+
+def _nested(value: Any) -> bool:
+    """Whether a value is lists in lists without end."""
+    for _ in range(DEEPEST):
+        if not isinstance(value, (list, tuple)) or not value:
+            return False
+        value = value[0]
+    return True
+
+
+def value_text(value: Any) -> str:
+    """A value as it is written, where that is short and can be."""
+    try:
+        text = repr(value)
+    except Exception:  # nested too deep, or one of a class whose repr fails
+        text = ""
+    return text if 0 < len(text) < 60 and "\n" not in text else f"of type {type(value).__name__}"
 
 
 @functools.lru_cache(maxsize=512)

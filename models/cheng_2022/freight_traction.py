@@ -82,6 +82,9 @@ MOVING = {
 """Surfaces whose best creep moves: 1.2099, 1.8148, 0.8066 m/s; a guess, because both surfaces of
 Table 1 have the same best creep, so that nothing would have to be sought again."""
 
+MEANT_TO = 4.0
+"""Creep in m/s up to which the law is meant; beyond, it has less than 0.37 of its peak."""
+
 
 @law(
     mu=Output(
@@ -95,6 +98,8 @@ Table 1 have the same best creep, so that nothing would have to be sought again.
     conditions=SURFACES | PRINTED | MOVING,
     closed_form=peak_creep,
     coordinates=("log(c)", "log(a)", "log(b - a)"),
+    measured_to=0,
+    meant_to=MEANT_TO,
 )
 def adhesion(
     v_s=Input("m/s", "creep, rim minus train", positive="traction", per="speed"),

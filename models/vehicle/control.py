@@ -66,7 +66,7 @@ def wheel(trip: Trip, reference: Reference | None = None) -> Wheel:
     share = len(vehicle.worked)
     lag = act.lag if hasattr(act, "lag") else (act.fill + act.vent) / 2
     return Wheel(
-        J=vehicle.wheel_inertia, r=vehicle.wheel_radius, W=vehicle.total / vehicle.axles,
+        J=vehicle.wheel_inertia, r=trip.one_radius, W=vehicle.total / vehicle.axles,
         m=vehicle.total / share, g=vehicle.gravity, T_max=act.torque, tau=lag,
         v_best=typical_slip(reference or trip.reference, vehicle.speed), v=max(vehicle.speed, 1.0),
     )  # fmt: skip
@@ -214,10 +214,11 @@ def wake(always: bool) -> Block:
         v_best=Input("m/s", "slip to go to", positive="braking", per="speed"),
         ready=Input("1", "1 where slip control can go by the samples"),
         share=Param("1", 0.5, "slip over its reference at which it takes over", ADDED, lo=0, hi=1),
+        least=Param("m/s", 0.3, "slip below which it does not, as noise is", ADDED, lo=0, hi=20),
         v_off=Param("m/s", 1.0, "speed below which it is off", ADDED, lo=0, hi=200),
     ):
         """On from the first large slip, while it can go by the samples."""
-        slips = v_s > share * v_best
+        slips = v_s > fmax(share * v_best, least)
         can = logic_and(v >= v_off, ready > 0.5)
         return dict(on=if_else(can, 1 if always else fmax(ruling, slips), 0), slips=slips)
 
@@ -384,7 +385,9 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
         "force": form.force,
         "fall": form.fall,
         "law": contained_block(law_block if gated_inside else gated(law_block)),
-        "wake": wake(always).with_params(share=settings.wake, v_off=settings.off),
+        "wake": wake(always).with_params(
+            share=settings.wake, least=settings.least, v_off=settings.off
+        ),
         "watch": watch(always).with_params(rest=settings.rest),
         "apply": applied.with_params(lead=getattr(part, "lead", 1.0)),
     }

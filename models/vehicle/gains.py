@@ -208,9 +208,10 @@ def _resistance(trip: Trip, v: float, mass: float, a: float) -> Range:
     part, gradient = trip.vehicle.resistance, trip.rail.gradient
     slopes = [s.gradient for s in gradient] if isinstance(gradient, tuple) else [gradient or 0.0]
     steepest = max((abs(s) for s in slopes), default=0.0)
-    force = part.a + part.b * v + part.c * v * v
+    a_R, b_R, c_R = part.of(trip.vehicle.total)
+    force = a_R + b_R * v + c_R * v * v
     steady = force / mass + trip.vehicle.gravity * steepest
-    return steady, (part.b + 2 * part.c * v) / mass * (a + steady)
+    return steady, (b_R + 2 * c_R * v) / mass * (a + steady)
 
 
 # ---- from a law to a system ----------------------------------------------------------------------
@@ -267,8 +268,6 @@ SYSTEMS: dict[str, tuple[str, str, tuple[str, str]]] = {
 NUMBERS: dict[str, Asked] = {"sta": _twisting, "smc": _reaching, "efc": _linear, "hosm": _higher}
 
 NONE = {
-    "pid": "its integral and its limits have no criterion here: it"
-    " does not cancel the adhesion, whose slope has both signs",
     "eppfc_barrier": "its barrier is not that of a system here",
     "barrier": "its robust form is not that of a system here",
     "nmpc": "what it does is the solution of a program at each"

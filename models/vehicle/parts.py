@@ -16,7 +16,9 @@ from typing import Any, Literal
 import numpy as np
 
 from slipctl import BadInput
-from slipctl.block.units.unit_algebra import parse_quantity
+from slipctl.block.units.unit_algebra import parse_quantity, split_quantity
+from slipctl.block.units.unit_algebra import unit as unit_of
+from slipctl.study.files.declared_parts import Each
 
 Fault = tuple[str, str]
 """A path such as ``"rail.sections.1"`` and what is wrong there."""
@@ -26,10 +28,15 @@ SLIP_LAWS = ("pid", "smc", "sta", "efc", "eppfc", "eppfc_barrier", "barrier", "h
 
 
 def number(
-    unit: str, value: Any = MISSING, doc: str = "", *, lo: float = -math.inf, hi: float = math.inf
-) -> Any:
-    """Declare a number of a part, or a list of them; without ``value`` it must be given."""
-    return field(default=value, metadata={"unit": unit, "doc": doc, "lo": lo, "hi": hi})
+    unit: str, value: Any = MISSING, doc: str = "", *, lo: float = -math.inf, hi: float = math.inf,
+    by: str = "",
+) -> Any:  # fmt: skip
+    """Declare a number of a part, or a list of them; without ``value`` it must be given.
+
+    With ``by`` it may be told by another quantity too, ``by="kg"`` takes N/kg for N; see ``Each``.
+    """
+    meta = {"unit": unit, "doc": doc, "lo": lo, "hi": hi} | ({"by": by} if by else {})
+    return field(default=value, metadata=meta)
 
 
 def text_field(value: Any, doc: str) -> Any:
@@ -53,6 +60,15 @@ def off_range(value: float, meta: Mapping[str, Any]) -> str:
 
 STANDSTILL = "standstill"
 """What ends a trip when the vehicle has stopped."""
+
+
+def _size(text: str) -> float | None:
+    """Number of a text in SI, whatever it is of; None where it is none."""
+    try:
+        value, name = split_quantity(text.strip())
+        return float(value) * (unit_of(name).scale if name else 1.0)
+    except (BadInput, ValueError):
+        return None
 
 
 def number_with_unit(text: str, *units: str) -> tuple[float, str] | str:
@@ -104,17 +120,44 @@ class Part:
         return iter(())
 
 
+TICK = 1e-3
+"""Sample time of a trip in s; that of ``slipctl.models.common_form``."""
+
+
+def _off_ticks(name: str, value: float) -> Iterator[Fault]:
+    """A time that would be rounded."""
+    ticks = value / TICK
+    if abs(ticks - round(ticks)) > 1e-6:
+        low, high = int(ticks), int(ticks) + 1
+        yield (
+            name,
+            (
+                f"{1e3 * value:g} ms is no whole number of samples of {1e3 * TICK:g} ms; write"
+                f" '{1e3 * TICK * low:g} ms' or '{1e3 * TICK * high:g} ms'"
+            ),
+        )
+
+
 # ---- vehicle and actuator ------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
 class Davis(Part):
-    """Running resistance a + b v + c v^2 of the whole vehicle."""
+    """Running resistance a + b v + c v^2 of the whole vehicle, or by its mass, as "12 N/t"."""
 
     kind: Literal["davis"] = "davis"
-    a: float = number("N", 0.0, "constant part", lo=0, hi=1e7)
-    b: float = number("N s/m", 0.0, "linear part", lo=0, hi=1e6)
-    c: float = number("N s^2/m^2", 0.0, "quadratic part", lo=0, hi=1e5)
+    a: float = number("N", 0.0, "constant part", lo=0, hi=1e7, by="kg")
+    b: float = number("N s/m", 0.0, "linear part", lo=0, hi=1e6, by="kg")
+    c: float = number("N s^2/m^2", 0.0, "quadratic part", lo=0, hi=1e5, by="kg")
+
+    def of(self, mass: float) -> tuple[float, float, float]:
+        """Coefficients in N, N s/m and N s^2/m^2 of a vehicle of this mass in kg."""
+        a, b, c = (float(n) * mass if isinstance(n, Each) else n for n in (self.a, self.b, self.c))
+        return a, b, c
+
+
+_LENGTHS = ("wheelbase", "bogie_centres", "wheelbase", "car_length")
+"""What an axle's distance to the next one follows from, in turn."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +179,7 @@ class Vehicle(Part):
         "1", None, "numbers of the driven axles, 1 the first; none given: all", lo=1, hi=32
     )
     radius: float | tuple[float, ...] = number(
-        "m", 0.42, "of the wheels, or of each axle; the controllers know the mean", lo=0.2, hi=1
+        "m", 0.42, "of the wheels, or of each axle", lo=0.2, hi=1
     )
     inertia: float | None = number(
         "kg m^2", None, "of one wheelset with all that turns with it", lo=0.1, hi=1e5
@@ -164,6 +207,8 @@ class Vehicle(Part):
                 yield name, f"has {len(given)} values for {self.axles} axles"
         if self.places is not None and (self.places[:1] != (0.0,) or self._unsorted()):
             yield "places", "must begin with 0 m and rise from axle to axle"
+        if isinstance(self.radius, (int, float)) or len(self.radius) == self.axles:
+            yield from self._impossible()
         if self.driven is not None:
             if self.mode == "brake":
                 yield "driven", "is for a driven vehicle; write mode = 'drive'"
@@ -171,6 +216,32 @@ class Vehicle(Part):
                 yield "driven", "must name each driven axle once"
             if any(k > self.axles for k in self.driven):
                 yield "driven", f"names axle {max(self.driven):g} of {self.axles}"
+
+    def _impossible(self) -> Iterator[Fault]:
+        """Wheels that would stand in each other; more that turns than there is."""
+        places, radii = self.behind, self.radii
+        for k, (a, b) in enumerate(pairwise(places) if len(places) == self.axles else ()):
+            room = radii[k] + radii[k + 1]
+            if b - a < room:
+                name = "places" if self.places is not None else _LENGTHS[min(k % 4, 3)]
+                name = "wheelbase" if self.axles == 2 else name
+                yield (
+                    name,
+                    (
+                        f"axles {k + 1} and {k + 2} are {b - a:g} m apart; wheels of"
+                        f" {radii[k]:g} m and {radii[k + 1]:g} m need {room:g} m"
+                    ),
+                )
+                break
+        turning = sum(self.wheel_inertia / r**2 for r in radii)
+        if self.inertia is not None and self.total and turning > self.total:
+            yield (
+                "inertia",
+                (
+                    f"the wheelsets are as heavy as {turning:.4g} kg at the rims, the vehicle is"
+                    f" {self.total:.4g} kg; write the inertia of one wheelset"
+                ),
+            )
 
     def _unsorted(self) -> bool:
         places = self.places or ()
@@ -199,7 +270,7 @@ class Vehicle(Part):
 
     @property
     def wheel_radius(self) -> float:
-        """Mean radius in m, what a controller knows."""
+        """Mean radius in m."""
         return sum(self.radii) / self.axles
 
     @property
@@ -228,6 +299,17 @@ class Lag(Part):
     gain: float = number("1", 1.0, "delivered by commanded torque", lo=0.1, hi=10)
     rate: float | None = number("N m/s", None, "largest rate of the torque", lo=1, hi=1e9)
     dead_time: float = number("s", 0.0, "from command to action", lo=0, hi=2)
+    power: float | None = number(
+        "W", None, "largest of one axle: its torque is at most that over the wheel speed",
+        lo=1, hi=1e8,
+    )  # fmt: skip
+    top: float | None = number(
+        "m/s", None, "rim speed above which it gives no torque", lo=0.1, hi=200
+    )
+
+    def misfits(self) -> Iterator[Fault]:
+        """A dead time that is no whole number of ticks."""
+        yield from _off_ticks("dead_time", self.dead_time)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -241,6 +323,10 @@ class Valve(Part):
     band: float = number("1", 0.005, "pressure error that it holds at, of the full pressure",
                          lo=0, hi=0.5)  # fmt: skip
     dead_time: float = number("s", 0.0, "from command to action", lo=0, hi=2)
+
+    def misfits(self) -> Iterator[Fault]:
+        """A dead time that is no whole number of ticks."""
+        yield from _off_ticks("dead_time", self.dead_time)
 
 
 # ---- rail and demand -----------------------------------------------------------------------------
@@ -427,6 +513,10 @@ class WheelsOnly(Part):
 
     kind: Literal["wheels"] = "wheels"
     rate: float = number("m/s^2", 1.5, "most that the vehicle can change its speed", lo=0.01, hi=10)
+    margin: float = number("1", 0.15, "share by which the torques may be wrong", lo=0, hi=1)
+    beside: float = number(
+        "m/s^2", 0.15, "what gradient and resistance may do beside the torques", lo=0, hi=5
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -475,6 +565,7 @@ class SlipControl(Part):
     """When slip control takes over from the demand, and when it gives back."""
 
     wake: float = number("1", 0.5, "slip over the reference at which it takes over", lo=0, hi=1)
+    least: float = number("m/s", 0.3, "slip below which it does not take over", lo=0, hi=20)
     rest: float = number("s", 0.2, "time of ruling demand after which it gives back", lo=0, hi=10)
     off: float = number("m/s", 1.0, "speed below which it is off and the demand is given",
                         lo=0, hi=10)  # fmt: skip
@@ -488,6 +579,14 @@ class SlipControl(Part):
                             " for 1 s", lo=0.1, hi=600)  # fmt: skip
     release_still: float = number("s", 3.0, "longest release of an axle that does not run up",
                                   lo=0.1, hi=600)  # fmt: skip
+    radius: float | tuple[float, ...] | None = number(
+        "m", None, "of the wheels, or of each axle with an actuator, as the controllers believe;"
+        " none given: as it is", lo=0.2, hi=1,
+    )  # fmt: skip
+    learn: bool | None = text_field(
+        None, "whether the ratios of the radii are learnt while no wheel slips; none given: where"
+        " the vehicle's speed is from the wheels",
+    )  # fmt: skip
 
     def misfits(self) -> Iterator[Fault]:
         """A safe output or a demand that is neither a word that there is nor a torque."""
@@ -581,7 +680,11 @@ class Drawn(Part):
     scale: Mapping[str, str] = text_field({}, "factors and what each multiplies, '0.8:1.2 of c'")
 
     def misfits(self) -> Iterator[Fault]:
-        """An ensemble that is empty."""
+        """An ensemble that is empty, a range that is none."""
+        for name, text in self.draw.items():
+            ends = [_size(end) for end in str(text).split(":")]
+            if len(ends) == 2 and None not in ends and not ends[0] < ends[1]:  # type: ignore[operator]
+                yield f"draw.{name}", f"{text!r} is no range; write the lower end first"
         if not (self.draw or self.scale or self.seeds):
             yield "", "the ensemble is empty; write what differs from draw to draw, seeds = true"
 
@@ -593,6 +696,10 @@ class Assumed(Part):
     error: float = number("1", 0.1, "share by which a fitted adhesion may be wrong", lo=0, hi=1)
     tube: float = number("1", 0.05, "share of the best slip within which the slip is held",
                          lo=1e-3, hi=0.5)  # fmt: skip
+    push: float = number("m/s^2", 0.1, "what pushes the slip of an axle in any way, beside what the"
+                         " other axles do", lo=0, hi=100)  # fmt: skip
+    noise: float = number("m/s", 0.0, "largest noise of the slip that a controller sees", lo=0,
+                          hi=10)  # fmt: skip
 
 
 # ---- all of it -----------------------------------------------------------------------------------
@@ -623,6 +730,30 @@ class Trip(Part):
     seed: int = number("1", 1, "of all noise", lo=0, hi=2**31)
     noise: float = number("1", 1.0, "factor on every noise; 0 is silent", lo=0, hi=100)
 
+    @property
+    def believed(self) -> tuple[float, ...]:
+        """Radius in m of each axle with an actuator, as the controllers believe."""
+        given = self.control.radius
+        if given is None:
+            return tuple(self.vehicle.radii[k] for k in self.vehicle.worked)
+        many = len(self.vehicle.worked)
+        return tuple(given) if isinstance(given, (list, tuple)) else (given,) * many
+
+    @property
+    def one_radius(self) -> float:
+        """Radius in m that all controllers know; the speeds of the wheels are brought to it."""
+        if self.control.radius is None:
+            return self.vehicle.wheel_radius
+        return sum(self.believed) / len(self.believed)
+
+    @property
+    def learns(self) -> bool:
+        """Whether the ratios of the radii are learnt."""
+        if self.control.learn is None:
+            wheels = isinstance(self.sensors.vehicle_speed, WheelsOnly)
+            return wheels and len(self.vehicle.worked) > 1
+        return self.control.learn
+
     def misfits(self) -> Iterator[Fault]:
         """What of one part does not fit another."""
         if self.end not in ("", STANDSTILL):
@@ -637,6 +768,14 @@ class Trip(Part):
             yield "controllers", "there is no controller; kind = 'none' applies the demand alone"
         if isinstance(self.actuator, Valve) and self.vehicle.mode == "drive":
             yield "actuator.kind", "a valve brakes; a driven vehicle takes kind = 'lag'"
+        believed, worked = self.control.radius, len(self.vehicle.worked)
+        if isinstance(believed, (list, tuple)) and len(believed) != worked:
+            yield (
+                "control.radius",
+                f"has {len(believed)} values for {worked} axles with an actuator",
+            )
+        if self.control.learn and worked < 2:
+            yield "control.learn", "one axle has no ratio to learn"
         if isinstance(self.sensors.vehicle_speed, WheelsOnly) and self.vehicle.axles < 2:
             yield "sensors.vehicle_speed", "one axle that slips tells no speed; use another kind"
         for name in self.controllers:

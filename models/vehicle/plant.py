@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from casadi import fabs, fmax, if_else
+from casadi import fabs, fmax, fmin, if_else
 
 from slipctl import (
     BadInput,
@@ -85,6 +85,7 @@ def on_train(adhesion: Block) -> Block:
         outputs=[Output("1", "adhesion coefficient", positive="traction").named("mu")],
         conditions=source.conditions, sx=source.sx, choices=source.choices,
         doc=f"{source.doc}\n\nOdd in the creep, traction positive.",
+        measured_to=source.law_data.measured_to, meant_to=source.law_data.meant_to,
     )  # fmt: skip
 
 
@@ -145,6 +146,32 @@ def actuator(part: Lag | Valve) -> Block:
     return connect("act", wires | {"act.T_cmd": last}, share=inner, **before, act=block)
 
 
+def motor_limit(part: Lag, radius: float) -> Block:
+    """Make the limit of a motor, or of an electric brake, over the speed of its wheel.
+
+    Args:
+        part: actuator with a largest power, a largest rim speed, or both.
+        radius: of the wheel in m.
+    """
+    power = part.power if part.power is not None else 1e8
+    top = part.top / radius if part.top is not None else 1e4
+
+    @law(T_m=Output("N m", "torque that the motor gives", positive="braking"), name="motor_limit")
+    def limit(
+        T=Input("N m", "torque that is asked of it", positive="braking"),
+        omega=Input("rad/s", "wheel speed"),
+        P_max=Param("W", power, "largest power", "of the vehicle", lo=1, hi=1e9),
+        omega_top=Param("rad/s", top, "speed above which it gives nothing", "of the vehicle",
+                        lo=0.1, hi=1e6),
+        omega_0=Param("rad/s", 1e-3, "speed below which power limits nothing", ADDED, lo=1e-6),
+    ):  # fmt: skip
+        """T_m = min(T, P_max/|omega|), and 0 above omega_top."""
+        most = P_max / fmax(fabs(omega), omega_0)
+        return if_else(fabs(omega) > omega_top, 0, fmin(T, most))
+
+    return limit
+
+
 def plant(vehicle: Vehicle, part: Lag | Valve, adhesion: Block) -> Block:
     """Connect actuators, axles, resistance and contact.
 
@@ -161,16 +188,15 @@ def plant(vehicle: Vehicle, part: Lag | Valve, adhesion: Block) -> Block:
     apart = ["T_b"] * (not driven) + ["r"] * (len(set(vehicle.radii)) > 1)
     axles = Axles((1,) * n, vehicle.behind, tuple(driven and k in worked for k in range(n)))
     r: Any = np.array(vehicle.radii) if "r" in apart else vehicle.wheel_radius
-    train = rolling(on_train(adhesion), axles, T_S, apart=apart).with_params(
+    train = rolling(on_train(adhesion), axles, T_S, apart=apart, standing=True).with_params(
         m=vehicle.total, m_axle=vehicle.total / n, J=vehicle.wheel_inertia, r=r,
         g=vehicle.gravity, B_t=0.0, v=vehicle.speed,
     )  # fmt: skip
     one = actuator(part)
+    c0, c1, c2 = vehicle.resistance.of(vehicle.total)
     parts = {
         "act": replicate(one, many),
-        "res": davis.with_params(
-            c0=vehicle.resistance.a, c1=vehicle.resistance.b, c2=vehicle.resistance.c
-        ),
+        "res": davis.with_params(c0=c0, c1=c1, c2=c2),
         "grade": with_gradient.with_params(m=vehicle.total, g=vehicle.gravity),
         "train": train,
     }
@@ -183,6 +209,10 @@ def plant(vehicle: Vehicle, part: Lag | Valve, adhesion: Block) -> Block:
         "T": torque,
         "omega": "train.omega_d" if driven else "train.omega",
     }
+    if isinstance(part, Lag) and (part.power is not None or part.top is not None):
+        parts["limit"] = replicate(motor_limit(part, vehicle.wheel_radius), many)
+        speed, torque = wires["omega"], "limit.T_m"
+        wires |= {"limit.T": "act.T_b", "limit.omega": speed, "T": torque}
     if driven:
         parts["motor"] = replicate(mirror("N m", "traction"), many)
         wires |= {"motor.u": torque, "train.T": "motor.y"}

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
+from slipctl.models.vehicle import axle_loops
 from slipctl.models.vehicle.gains import gains, reasons_without_certificate
-from slipctl.models.vehicle.parts import Trip
+from slipctl.models.vehicle.parts import Trip, number_with_unit
 from slipctl.models.vehicle.trip import case
 from slipctl.run.roles import Signals
 from slipctl.run.sweep.ensemble import Ensemble
@@ -21,7 +23,8 @@ LOG = (
     "plant.train.x", "plant.train.v", "plant.train.a", "plant.train.omega", "plant.train.mu",
     "slip.y", "plant.T", "plant.T_cmd", "demand.T_demand", "demand.wanted", "ctl.T_cmd",
     "ctl.watch.on", "ctl.probe.reference", "ctl.reference.v_best", "ctl.slip.v_s", "ctl.meter.mu_m",
-    "ctl.curve.mu", "speed.y", "speed.v_m", "wheel.y", "wheel.omega_m",
+    "ctl.curve.mu", "speed.y", "speed.v_m", "speed.error", "speed.sound", "radius.r_i",
+    "radius.known", "wheel.y", "wheel.omega_m",
 )  # fmt: skip
 """Signals that a log keeps of every loop."""
 
@@ -39,6 +42,21 @@ def _slip(results: Any) -> Any:
     named = {"slip": "slip speed", "torque": f"{'brake' if braking else 'drive'} torque",
              "position": "distance"}  # fmt: skip
     return plots.traces(results, "base", signals=("slip", "torque", "position"), labels=named)
+
+
+def parts_without_effect(trip: Trip) -> Iterator[str]:
+    """What of a trip has no effect on any run, a line each."""
+    used = {s.condition for s in trip.rail.sections}
+    for name in trip.rail.conditions:
+        if name not in used:
+            yield f"rail.conditions.{name}: no section has this condition"
+    for k, section in enumerate(trip.rail.sections):
+        if section.time is not None and section.time >= trip.duration:
+            yield f"rail.sections.{k}: begins at {section.time:g} s, the run ends before"
+    until = getattr(trip.demand, "until", "")
+    found = number_with_unit(until, "s", "m") if until else ""
+    if isinstance(found, tuple) and found[1] == "s" and found[0] >= trip.duration:
+        yield f"demand.until: {until} is not before the end of the run, {trip.duration:g} s"
 
 
 def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own") -> Study:
@@ -72,7 +90,9 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         name=name, title=trip.title, source=source, doc=doc, cases=cases,
         signals=replace(SIGNALS, mirrored=vehicle.mode == "drive"),
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
-        ensembles=ensembles, gains=gains(trip), uncertified=reasons_without_certificate(trip),
+        ensembles=ensembles, gains=(*gains(trip), *axle_loops.gains(trip)),
+        uncertified=axle_loops.reasons_without_certificate(trip, reasons_without_certificate(trip)),
+        without_effect=tuple(parts_without_effect(trip)),
         figures={
             "speeds": Figure("Speed of the vehicle and of a rim", _speeds),
             "slip": Figure("Slip and torque of one axle, and the distance", _slip),

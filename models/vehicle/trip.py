@@ -44,6 +44,8 @@ from slipctl.block.units.unit_algebra import unit
 from slipctl.errors import Faults, nearest
 from slipctl.models import sensors
 from slipctl.models.common_form import ADDED, T_S
+from slipctl.models.vehicle import wheels
+from slipctl.models.vehicle.adhesion import law_faults
 from slipctl.models.vehicle.control import numbers_of, vehicle_control
 from slipctl.models.vehicle.parts import (
     STANDSTILL,
@@ -82,7 +84,8 @@ def rail_law(trip: Trip) -> Block:
     faults: list[str] = []
     for name, values in track.conditions.items():
         try:
-            known[name] = numbers_of(block, values, f"rail.conditions.{name}")
+            own = block.conditions.get(name, {})
+            known[name] = {**own, **numbers_of(block, values, f"rail.conditions.{name}")}
         except Faults as error:
             faults += error.lines
     for k, stretch in enumerate(track.sections):
@@ -98,7 +101,15 @@ def rail_law(trip: Trip) -> Block:
     # what one condition sets is set in all, so that none keeps what the one before left
     names = dict.fromkeys(n for c in used for n in known[c])
     whole = {n: float(block.params[n].value) for n in names}
-    return block.with_conditions(**{c: whole | known[c] for c in used})
+    vehicle, conditions = trip.vehicle, {c: whole | known[c] for c in used}
+    wrong = law_faults(block, conditions, vehicle.speed, vehicle.mode == "drive")
+    faults = [
+        f"rail.conditions.{c}: {why}" if c in track.conditions else f"rail.law: on {c}, {why}"
+        for c, why in wrong
+    ]
+    if faults:
+        raise Faults(faults)
+    return block.with_conditions(**conditions)
 
 
 def rail(trip: Trip) -> Rail:
@@ -265,7 +276,8 @@ def loop(trip: Trip, controller: Controller | str, common: Common | None = None)
         "slip.u": "plant.train.v_s",
     }
     if "omega" in ctl.inputs:
-        wires |= {"ctl.T": "plant.T"} | _wheel_speed(trip, parts)
+        measured = _one_radius(trip, parts, _wheel_speed(trip, parts))
+        wires |= {"ctl.T": "plant.T"} | measured
         v = _vehicle_speed(trip, parts, wires)
         wires |= {"ctl.v": v}
     else:
@@ -277,19 +289,22 @@ def loop(trip: Trip, controller: Controller | str, common: Common | None = None)
 def _wheel_speed(trip: Trip, parts: dict[str, Block]) -> dict[str, str]:
     """Add the sensors of the wheels; gives their wires."""
     part, n = trip.sensors.wheel_speed, len(trip.vehicle.worked)
+    radii = {trip.vehicle.radii[k] for k in trip.vehicle.worked}
+    begin = trip.vehicle.speed / np.array([trip.vehicle.radii[k] for k in trip.vehicle.worked])
+    apart = ["omega_start"] if radii != {trip.vehicle.wheel_radius} else []
     if isinstance(part, Exact):
         return {"ctl.omega": "plant.omega"}
     if isinstance(part, NoisyWheel):
         sensor = sensors.noisy_sensor("rad/s").with_params(
             sigma=part.deviation, q=part.step, lost=part.dropout
         )
-        parts["wheel"] = replicate(sensor, n)
+        own = ["u_start"] * len(apart)
+        parts["wheel"] = replicate(sensor, n, distinct=own).with_params(**dict.fromkeys(own, begin))
         return {"wheel.u": "plant.omega", "ctl.omega": "wheel.y"}
     assert isinstance(part, ToothWheel)
     parts["angle"] = replicate(sensors.turned, n)
-    parts["wheel"] = replicate(
-        sensors.tooth_wheel.with_params(N=part.teeth, clock=part.clock, sigma=part.jitter), n
-    )
+    tooth = sensors.tooth_wheel.with_params(N=part.teeth, clock=part.clock, sigma=part.jitter)
+    parts["wheel"] = replicate(tooth, n, distinct=apart).with_params(**dict.fromkeys(apart, begin))
     return {
         "angle.omega": "plant.omega", "wheel.phi": "angle.phi", "ctl.omega": "wheel.omega_m",
     }  # fmt: skip
@@ -306,10 +321,32 @@ def _vehicle_speed(trip: Trip, parts: dict[str, Block], wires: dict[str, str]) -
         )
         wires["speed.u"] = "plant.train.v"
         return "speed.y"
-    block = sensors.speed_of_wheels(len(trip.vehicle.worked), trip.vehicle.mode == "drive")
-    parts["speed"] = block.with_params(a_max=part.rate)
-    wires["speed.omega"] = wires["ctl.omega"]
+    driven = trip.vehicle.mode == "drive"
+    block = wheels.bounded_speed(len(trip.vehicle.worked), driven)
+    parts["speed"] = block.with_params(a_max=part.rate, margin=part.margin, beside=part.beside)
+    wires |= {"speed.omega": wires["ctl.omega"], "speed.torque": "plant.T"}
     return "speed.v_m"
+
+
+def _one_radius(trip: Trip, parts: dict[str, Block], measured: dict[str, str]) -> dict[str, str]:
+    """Add what brings the wheel speeds to the controllers' radius, where they differ; gives wires.
+
+    Args:
+        trip: the trip.
+        parts: of the loop.
+        measured: the wires of the sensors.
+    """
+    n, r = len(trip.vehicle.worked), trip.one_radius
+    worn = np.array(trip.believed) / r
+    if not trip.learns and (worn == 1).all():
+        return measured
+    block = wheels.learnt_radii(n) if trip.learns else wheels.known_radii(n)
+    numbers = {"r": r, "m_axle": trip.vehicle.total / trip.vehicle.axles, "g": trip.vehicle.gravity}
+    parts["radius"] = block.with_params(
+        worn=worn, **{k: v for k, v in numbers.items() if k in block.params}
+    )
+    found = measured | {"radius.omega": measured["ctl.omega"], "ctl.omega": "radius.omega_n"}
+    return found | ({"radius.torque": "plant.T"} if trip.learns else {})
 
 
 def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
@@ -326,11 +363,11 @@ def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
     apart = "r" in parts["plant"].params or len(set(trip.vehicle.radii)) > 1
     own = places("ctl.law.m") if "law.m_law" not in parts["ctl"].params else []
     shared: dict[str, list[str]] = {
-        "m": places("plant.m", "demand.m"),
+        "m": places("plant.m", "demand.m", "speed.m"),
         f"m_axle = m / {axles}": places("plant.train.m_axle", "ctl.meter.m", "*.m_axle"),
         f"m_wheel = m / {worked}": [*own, *places("ctl.fall.m", "ctl.trust.m")],
         "J": places("plant.train.J", "*.J"),
-        "r": places("ctl*.r", "demand.r", "speed.r") if apart else places("plant.train.r", "*.r"),
+        **_radii(trip, apart, places),
         "g": places("plant.g", "*.g"),
         "T": places("*.T", "*.T_s"),
         "slope": places("plant.grade.slope"),
@@ -343,9 +380,10 @@ def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
         shared["tau"] = places("*.tau")
     shared["v_start"] = ["plant.train.v", *places("*.v_start", "speed.u_start")]
     turn = "-1 * " if trip.vehicle.mode == "drive" else ""
-    shared["omega_start = v_start / r"] = places(
+    begins = places(
         "angle.omega_start", "wheel.omega_start", "wheel.u_start", "ctl.trust.omega_start"
     )
+    shared["omega_start = v_start / r"] = [n for n in begins if not _shaped(parts, n)]
     shared[f"omega_seen = {turn}v_start / r"] = places("ctl.meter.omega_start")
 
     def alike(hits: list[str]) -> list[str]:
@@ -359,6 +397,23 @@ def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
         found = {k.replace("v_start / r", f"v_start / {trip.vehicle.wheel_radius!r}"): v
                  for k, v in found.items()}  # fmt: skip
     return found
+
+
+def _shaped(parts: Mapping[str, Block], place: str) -> bool:
+    """Whether each axle has its own number at a place."""
+    part, _, name = place.partition(".")
+    return bool(parts[part].params[name].shape)
+
+
+def _radii(trip: Trip, apart: bool, places: Any) -> dict[str, list[str]]:
+    """Radii that are one number: those of the rail and the demand, and those that are believed."""
+    known = places("ctl*.r", "speed.r", "radius.r")
+    if trip.control.radius is None:
+        return {"r": [*known, *places("demand.r")] if apart else places("plant.train.r", "*.r")}
+    return {
+        "r_known": known,
+        "r": places("demand.r") if apart else places("plant.train.r", "demand.r"),
+    }
 
 
 # ---- scenario and case ---------------------------------------------------------------------------

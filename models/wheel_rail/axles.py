@@ -14,6 +14,16 @@ whose root lies within N/k of beta as long as |mu| <= 1. Newton's method in this
 for a given v+, and a few sweeps over the axles settle v+ = v + h (sum n_i F_i - F_d)/M. The brake
 takes torque, it gives none: where it would turn the wheel back, the wheel stands.
 
+With ``standing`` a train comes to a stand and stays there, by complementarity: v+ = 0 and all
+omega_i+ = 0 where forces exist that do it within the step,
+
+    F_d - M v/h = sum n_i F_i,   |r F_i - J omega_i/h - T_i| <= T_b,i,   |F_i| <= max mu_i N_i
+
+and the step as above where not. So v is 0 exactly, and the train starts again when more is asked of
+brake or rail than they carry. A wheel that is locked slides on all of its patch, however slowly. So
+it has the largest adhesion where the train is slower than the slip of the peak, or as much less as
+its brake takes.
+
 F_i is one number in both equations, so that with the mean speeds of the step, as an identity,
 
     change of (M v^2/2 + sum n_i J_i omega_i^2/2) = h (P_drive - P_brake - P_bearing - P_slip - P_d)
@@ -40,6 +50,13 @@ stage is computed only where the one before left a residual; the last one starts
 
 TOLERANCE = 1e-7
 """Residual that a stage may leave, as a share of the load of an axle."""
+
+PEAKS = tuple(float(s) for s in np.geomspace(1e-3, 5.0, 40))
+"""Creeps in m/s among which the peak of the law is sought, for trains slower than the last one."""
+
+
+LEFT = 1.0
+"""Residual in N above which contact force and law disagree."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +111,7 @@ def rolling(
     h: float,
     distinct: Sequence[str] = (),
     apart: Sequence[str] = (),
+    standing: bool = False,
 ) -> Block:
     """Make the step of body, axles and contact.
 
@@ -106,6 +124,7 @@ def rolling(
         h: step in s.
         distinct: further parameters of the law of which each axle has its own.
         apart: of ``r`` and ``T_b`` those of which each axle has its own.
+        standing: a train comes to a stand and is held there, see above.
 
     Returns:
         Step with the law as its part ``adh``. Outputs: ``v_s`` is the creep at the start of the
@@ -173,35 +192,54 @@ def rolling(
         Output("m/s", "smallest creep of an axle", per="speed", **traction).named("v_s_min"),
         Output("N", "force of motors and brakes at the rims", **traction).named("F_rim"),
         Output("W", "power of the motors").named("P_drive"),
-        Output("W", "power that the brakes take").named("P_brake"),
-        Output("W", "power that the bearings take").named("P_bearing"),
-        Output("W", "power that the sliding contacts take").named("P_slip"),
+        Output("W", "power that the brakes take", lo=0).named("P_brake"),
+        Output("W", "power that the bearings take", lo=0).named("P_bearing"),
+        Output("W", "power that the sliding contacts take", lo=0).named("P_slip"),
         Output("W", "power that running resistance and gradient take").named("P_d"),
-        Output("N", "largest residual of the step").named("residual"),
+        Output("N", "largest residual of the step", lo=0, hi=LEFT).named("residual"),
     ]
     if motors:
         speed = Output("rad/s", "speed of a driven axle").named("omega_d")
         outputs.append(signal_of_copies(speed, driven, "driven"))
     settle = adhesion.of_equations(
-        ("settle", n, h, tuple(own)), lambda: _settle(adhesion, own, law_params, n, h)
+        ("settle", n, h, tuple(own), standing),
+        lambda: _settle(adhesion, own, law_params, n, h, standing),
     )
+    peaks = adhesion.of_equations(
+        ("peaks", n, tuple(own)), lambda: _peaks(adhesion, own, law_params, n)
+    ) if standing else None  # fmt: skip
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         v, omega, r, m, count = x["v"], x["omega"], p["r"], p["m"], p["count"]
         T = _scattered(u["T"], motors, n) if motors else 0
-        side = ca.if_else(omega == 0, ca.sign(v), ca.sign(omega))
+        side, push = ca.sign(v), (p["J"] / h * omega + T) / r
+        if standing:  # the way that a standing train would go
+            side = ca.if_else(v == 0, ca.sign(ca.dot(count, push) - u["F_d"]), side)
+        side = ca.if_else(omega == 0, side, ca.sign(omega))
         stop = side * p["braked"] * u["T_b"]
         a = p["J"] / h + p["B_t"]
         free = r / a * (p["J"] / h * omega + T - stop)
         v_s = r * omega - v
+        N, law = p["m_axle"] * p["g"], [p[s.name] for s in law_params]
+        at, height = peaks(v, *law) if peaks is not None else ([], [])
         F, locked, residual = settle(
-            v_s, v, free, a / r**2, p["m_axle"] * p["g"], ca.sign(stop), count, h / m, u["F_d"],
-            *[p[s.name] for s in law_params],
+            v_s, v, free, a / r**2, N, ca.sign(stop), count, h / m, u["F_d"],
+            *([at] if standing else []), *law,
         )  # fmt: skip
+        stands: Any = False
+        if standing:
+            hold = p["braked"] * u["T_b"] / r
+            stands, F_stand = _stand(push, hold, height * N, u["F_d"] - m * v / h, count)
+            F, locked = ca.if_else(stands, F_stand, F), ca.if_else(stands, 1, locked)
+            residual = ca.if_else(stands, 0, residual)
         omega_next = ca.if_else(locked, 0, (p["J"] / h * omega + T - stop - r * F) / a)
         F_all = ca.dot(count, F)
         acceleration = (F_all - u["F_d"]) / m
+        if standing:
+            acceleration = ca.if_else(stands, -v / h, acceleration)
         v_next = v + h * acceleration
+        if standing:
+            v_next = ca.if_else(stands, 0, v_next)
         mean, v_mean = (omega + omega_next) / 2, (v + v_next) / 2
         taken = ca.if_else(locked, p["J"] / h * omega + T - r * F, stop)
         outputs = dict(
@@ -225,7 +263,7 @@ def rolling(
         return dict(x=x["x"] + h * v_mean, v=v_next, omega=omega_next), outputs
 
     def rebuild(parts: dict[str, Block]) -> Block:
-        return rolling(parts["adh"], axles, h, distinct, apart)
+        return rolling(parts["adh"], axles, h, distinct, apart, standing)
 
     def guard(p: Mapping[str, Any]) -> None:
         """Refuse a law that knows another wheel."""
@@ -239,7 +277,8 @@ def rolling(
         prefixed=True, own=own, by_structure=True, doc=__doc__ or "",
         conditions={c: {f"adh.{k}": v for k, v in values.items()}
                     for c, values in adhesion.conditions.items()},
-        choices={"axles": sum(axles.count), "distinct axles": n}, guard=guard,
+        choices={"axles": sum(axles.count), "distinct axles": n}
+        | ({"standing": True} if standing else {}), guard=guard,
     )  # fmt: skip
 
 
@@ -248,7 +287,48 @@ def _scattered(T: Any, motors: Sequence[int], n: int) -> Any:
     return ca.sparsity_cast(T, ca.Sparsity.triplet(n, 1, list(motors), [0] * len(motors)))
 
 
-def _axle(adhesion: Block, names: Sequence[str]) -> dict[int, ca.Function]:
+def _stand(push: Any, hold: Any, most: Any, need: Any, count: Any) -> tuple[Any, Any]:
+    """Whether all axles and the train can stand at the end of the step, and the forces that do it.
+
+    Args:
+        push: force of each axle that stops it without its brake.
+        hold: what the brake of each can take, at the rim.
+        most: what the rail under each carries.
+        need: force of all that stops the train.
+        count: how many axles are alike.
+    """
+    lo, hi = ca.fmax(push - hold, -most), ca.fmin(push + hold, most)
+    least, largest = ca.dot(count, lo), ca.dot(count, hi)
+    stands = ca.logic_and(ca.mmin(hi - lo) >= 0, ca.logic_and(least <= need, need <= largest))
+    share = (need - least) / ca.fmax(largest - least, 1e-300)
+    return stands, lo + ca.fmax(0, ca.fmin(share, 1)) * (hi - lo)
+
+
+def _peaks(
+    adhesion: Block, own: Sequence[str], law_params: Sequence[Signal], n: int
+) -> ca.Function:
+    """Creep and height of the largest adhesion under each axle of a slow train; 0 of a fast one."""
+    names = [s.name for s in law_params]
+    v = ca.SX.sym("v")
+    values = [ca.SX.sym(name) for name in names]
+    best, height = ca.SX(PEAKS[0]), ca.SX(0)
+    for s in PEAKS:
+        p = dict(zip(adhesion.params, values, strict=True))
+        mu = ca.fabs(adhesion.expr({}, {"v_s": ca.SX(s), "v": v}, p)[1]["mu"])
+        best, height = ca.if_else(mu > height, s, best), ca.fmax(mu, height)
+    one = ca.Function("peak", [v, *values], [best, height], {"cse": True})
+    once = [0, *(1 + j for j, name in enumerate(names) if name not in own)]
+    each = one.map(f"peak_x{n}", "serial", n, once, [])
+    v_m = ca.MX.sym("v")
+    given = [v_m, *(ca.MX.sym(s.name.replace(".", "_"), s.size) for s in law_params)]
+    found = each.call([row if i in once else row.T for i, row in enumerate(given)])
+    slow = ca.Function("slow", given, [row.T for row in found])
+    fast = ca.Function("fast", given, [ca.MX.zeros(n), ca.MX.zeros(n)])
+    due = ca.Function.if_else("peaks", slow, fast)
+    return ca.Function("peaks_of", given, due.call([ca.fabs(v_m) < PEAKS[-1], *given]))
+
+
+def _axle(adhesion: Block, names: Sequence[str], standing: bool = False) -> dict[int, ca.Function]:
     """Creep of one axle for a given speed of the train at the end of the step, by Newton updates.
 
     Results: contact force, whether the brake holds the wheel, residual. Then creep and force after
@@ -257,8 +337,10 @@ def _axle(adhesion: Block, names: Sequence[str]) -> dict[int, ca.Function]:
     """
     z = ca.SX.sym("z")
     q = v_next, v, free, k, N, hold, *values = [
-        ca.SX.sym(n) for n in ("v_next", "v", "free", "k", "N", "hold", *names)
+        ca.SX.sym(n)
+        for n in ("v_next", "v", "free", "k", "N", "hold", *(["peak"] * standing), *names)
     ]
+    peak = values.pop(0) if standing else None
     p = dict(zip(adhesion.params, values, strict=True))
     mu = adhesion.expr({}, {"v_s": z, "v": v}, p)[1]["mu"]
     curve = ca.Function("curve", [z, *q], [mu, ca.gradient(mu, z)], {"cse": True})
@@ -269,8 +351,15 @@ def _axle(adhesion: Block, names: Sequence[str]) -> dict[int, ca.Function]:
     # a wheel that stands has the creep -v+; the brake cannot push it beyond
     locked = hold * start < -hold * v_next
     s = ca.if_else(locked, -v_next, start)
-    height, slope = curve(s, *q)
+    slides = s
+    if peak is not None:  # all of the patch of a locked wheel slides, however slow it is
+        slides = ca.if_else(locked, -ca.sign(v_next) * ca.fmax(ca.fabs(v_next), peak), s)
+    height, slope = curve(slides, *q)
     F, slope = N * height, N * ca.fmax(slope, 0)
+    if peak is not None:  # as much as its brake takes
+        most = k * free
+        F = ca.if_else(locked, ca.if_else(hold > 0, ca.fmax(F, most), ca.fmin(F, most)), F)
+        slope = ca.if_else(locked, 0, slope)
     left = ca.if_else(locked, 0, k * (s - beta) + F)
     move, slide = -left / (k + slope), ca.if_else(locked, 1, k / (k + slope))
     results = [F, locked, ca.fabs(left), s + move, F + slope * move, slide, slope * slide]
@@ -288,7 +377,12 @@ def _axle(adhesion: Block, names: Sequence[str]) -> dict[int, ca.Function]:
 
 
 def _settle(
-    adhesion: Block, own: Sequence[str], law_params: Sequence[Signal], n: int, h: float
+    adhesion: Block,
+    own: Sequence[str],
+    law_params: Sequence[Signal],
+    n: int,
+    h: float,
+    standing: bool,
 ) -> ca.Function:
     """Contact forces of all axles, settled with the train's speed at the end of the step."""
     names = [s.name for s in law_params]
@@ -296,17 +390,19 @@ def _settle(
                                     ("v_s", "free", "k", "N", "hold", "count"))  # fmt: skip
     v, by_mass, F_d = (ca.MX.sym(name) for name in ("v", "by_mass", "F_d"))
     values = [ca.MX.sym(s.name.replace(".", "_"), s.size) for s in law_params]
-    given = [v_s, v, free, k, N, hold, count, by_mass, F_d, *values]
-    once = [1, 2, *(7 + j for j, name in enumerate(names) if name not in own)]
+    peak = [ca.MX.sym("peak", n)] if standing else []
+    given = [v_s, v, free, k, N, hold, count, by_mass, F_d, *peak, *values]
+    first = 7 + len(peak)
+    once = [1, 2, *(first + j for j, name in enumerate(names) if name not in own)]
     axles = {
         m: f.map(f"{f.name()}_x{n}", "serial", n, once, [])
-        for m, f in _axle(adhesion, names).items()
+        for m, f in _axle(adhesion, names, standing).items()
     }
 
     def sweeps(updates: Sequence[int], s: Any, v_next: Any) -> list[Any]:
         F = locked = worst = None
         for m in updates:
-            rows = [s, v_next, v, free, k, N, hold, *values]
+            rows = [s, v_next, v, free, k, N, hold, *peak, *values]
             found = axles[m].call([row if i in once else row.T for i, row in enumerate(rows)])
             F, locked, left, s, expected, slide, fall = (row.T for row in found)
             error = v + by_mass * (ca.dot(count, F) - F_d) - v_next

@@ -26,6 +26,7 @@ the slope without creep that they leave.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from casadi import acos, cos, exp, fabs, fmax, fmin, pi, sign, sin
@@ -52,6 +53,7 @@ def friction(v_s: Any, A: Any, B: Any, mu_0: Any) -> Any:
     conditions=CLEAN, readings=READINGS, follows=patch_of_curve, beside=BESIDE,
     leaves_out="that tractions bend the steel elsewhere (Kalker's exact theory: CONTACT), spin and"
     " lateral creep, an elastic layer on the rail, heat",
+    measured_to=0, meant_to=math.inf,
 )  # fmt: skip
 def fastsim(
     v_s=Input("m/s", "creep, rim minus train", positive="traction", per="speed"),
@@ -86,6 +88,7 @@ def fastsim(
     conditions=CLEAN, readings=READINGS,
     leaves_out="the ellipse of the patch (FASTSIM: fastsim; exactly: CONTACT), spin and lateral"
     " creep, an elastic layer on the rail, heat",
+    measured_to=0, meant_to=math.inf,
 )  # fmt: skip
 def carter(
     v_s=Input("m/s", "creep, rim minus train", positive="traction", per="speed"),

@@ -75,6 +75,8 @@ def peak_height(a0: float, a1: float, a2: float) -> float:
     conditions=RAILS,
     closed_form=peak_slip,
     coordinates=("log(a0)", "log(a1)", "log(a2)"),
+    measured_to=0,
+    meant_to=0.7,
 )
 def burckhardt(
     lam=Input("1", "slip ratio", positive="braking", per="ratio"),
@@ -86,6 +88,7 @@ def burckhardt(
 
     mu = -(a0 (1 - exp(-a1 lam)) - a2 lam), negative when braking. The peak is at
     lam* = ln(a0 a1/a2)/a1. It does not depend on the speed, though Figure 2 shows that it should.
+    Meant up to lam = 0.7: on snow, where a locked wheel has nothing, it has 0.36 of its peak there.
     """
     return -(a0 * (1 - exp(-a1 * lam)) - a2 * lam)
 
@@ -107,6 +110,8 @@ def adhesion(locked: bool = False, speed: bool = False) -> Block:
         conditions=RAILS,
         coordinates=("log(a0)", "log(a1)", "log(a2)"),
         choices={"locked": locked, "speed": speed},
+        measured_to=0,
+        meant_to=1.0 if locked else burckhardt.law_data.meant_to,
     )
     if not speed:
 

@@ -13,7 +13,7 @@ from slipctl.errors import BadInput, check_positive, nearest
 
 _SETTINGS = (
     "period", "units", "conditions", "closed_form", "coordinates", "readings", "expects",
-    "follows", "beside", "leaves_out", "choices", "name",
+    "follows", "beside", "leaves_out", "measured_to", "meant_to", "choices", "name",
 )  # fmt: skip
 
 
@@ -102,7 +102,10 @@ def law(**options: Any) -> Callable[[Callable[..., Any]], Block]:
             parameters that an estimator works in, ``readings`` its signals by what a measured
             curve has. ``expects`` has orders of its parameters. ``follows`` is a function from
             parameters, and what is ``beside`` them, to other parameters, for a fit.
-            ``leaves_out`` says what it has no model of. Then ``units``, ``choices``, ``name``.
+            ``leaves_out`` says what it has no model of. ``measured_to`` is the largest slip at
+            which an adhesion law was measured, 0 where never. ``meant_to`` is the largest at which
+            it is meant to hold, ``math.inf`` for a locked wheel. Both are in the unit of its slip.
+            Then ``units``, ``choices``, ``name``.
     """
     return _decorate("law", options)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from slipctl.block.shared_numbers import ALONE, Sharing
 from slipctl.block.signals import Signal, Split
 from slipctl.block.units.unit_algebra import read_unit
-from slipctl.errors import BadInput, check_positive, refuse_unknown_choice
+from slipctl.errors import BadInput, check_positive, list_of_kind, refuse_unknown_choice, value_text
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
@@ -35,6 +35,8 @@ class LawData:
         follows: gives parameters that follow from others when it is fitted.
         beside: signals that stand beside it for a fit, and not in its equations.
         leaves_out: what it leaves out, in words.
+        measured_to: largest slip at which it was measured, 0 where never; None where not told.
+        meant_to: largest slip at which it is meant to hold, infinity for a locked wheel.
     """
 
     closed_form: Callable[..., Any] | None = None
@@ -44,6 +46,8 @@ class LawData:
     follows: Callable[..., Mapping[str, float]] | None = None
     beside: Mapping[str, Signal] = field(default_factory=dict)
     leaves_out: str = ""
+    measured_to: float | None = None
+    meant_to: float | None = None
 
 
 @dataclass(frozen=True)
@@ -123,15 +127,19 @@ class Fields:
         law_data: LawData | None = None,
         composition: Composition | None = None,
     ) -> None:
-        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
+        if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
             raise BadInput(
-                f"a block's name must be a letter, then letters, digits, _; not {name!r}"
+                f"a block's name must be a letter, then letters, digits, _; not {value_text(name)}"
             )
         if name.lower() in ("null", "jac", "hess"):
             raise BadInput(f"a block cannot be named {name!r}, CasADi keeps that name for itself")
+        kind = kind if isinstance(kind, str) else value_text(kind)
         refuse_unknown_choice(name, "kind", kind, ("law", "flow", "step"))
+        signals = list_of_kind(f"{name}: its signals", signals, Signal)
         if not callable(body):
-            raise BadInput(f"{name}: its body is {body!r}; give a function (x, u, p) -> (n, y)")
+            raise BadInput(
+                f"{name}: its body is {value_text(body)}; give a function (x, u, p) -> (n, y)"
+            )
         if period is not None:
             check_positive(f"{name}: period", period, "s")
         self.name, self.kind, self.period, self.doc = name, kind, period, doc

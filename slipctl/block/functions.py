@@ -10,9 +10,9 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.signals import packed_numbers, total_size
-from slipctl.block.text.intermediates import collect_locals, with_checked_locals
+from slipctl.block.text.intermediates import collect_locals, values_of_body, with_checked_locals
 from slipctl.block.values import Values
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, list_of_kind, nearest
 
 Exprs = dict[str, Any]
 _PREFIX = {"state": "x", "input": "u", "param": "p", "output": "y"}
@@ -28,7 +28,7 @@ class Functions(Values):
 
     def expr(self, x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         """Evaluate the body on CasADi expressions by name; returns (x' or x+, outputs)."""
-        n, y = self._body(x, u, p)
+        n, y = values_of_body(f"{self.name}.expr", self._body, self._signals, (x, u, p))
         self._complete("state", n, "derivative" if self.kind == "flow" else "next state")
         self._complete("output", y, "output")
         return _columns(n), _columns(y)
@@ -164,7 +164,8 @@ class Functions(Values):
         Raises:
             BadInput: unknown name.
         """
-        wanted = [wrt] if isinstance(wrt, str) else list(wrt)
+        wanted = list_of_kind(f"{self.name}.jacobian", [wrt] if isinstance(wrt, str) else wrt, str)
+        list_of_kind(f"{self.name}.jacobian", [of], str)
         args, names, groups = self._named_symbols()
         n, y = self.expr(*groups)
         results = {**n, **y}

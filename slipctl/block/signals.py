@@ -18,6 +18,7 @@ from slipctl.errors import (
     check_whole,
     nearest,
     refuse_unknown_choice,
+    value_text,
 )
 
 
@@ -262,7 +263,7 @@ class Signal:
         except (TypeError, ValueError):
             raise BadInput(
                 f"{where} takes {'a number' if not self.shape else f'an array {self.shape}'}"
-                f" in {self.unit}, not {value!r}"
+                f" in {self.unit}, not {value_text(value)}"
             ) from None
 
     def finite(self, where: str, value: Any) -> np.ndarray:

@@ -11,6 +11,7 @@ from typing import Any
 
 from slipctl import certify as package
 from slipctl.certify import systems
+from slipctl.certify.axle_loop import axle_system
 from slipctl.certify.registry import SYSTEMS
 from slipctl.certify.systems import Report, System
 from slipctl.errors import BadInput, nearest
@@ -28,6 +29,17 @@ def system(name: str) -> System:
     if name not in SYSTEMS:
         raise BadInput(f"cannot certify {name!r}{nearest(name, SYSTEMS)}")
     return SYSTEMS[name]
+
+
+OF_LOOPS: dict[str, System] = {"axle_loop": axle_system(None)}
+"""Systems that are made of a loop; a certificate of one holds the tick of that loop."""
+
+
+def system_of_gains(gains: Any, loop: Any) -> System:
+    """System that gains are asked as: one by its name, or one made of their loop."""
+    made = gains.made
+    found: System = system(gains.system) if made is None else made(loop)
+    return found
 
 
 def certify(name: str, **numbers: Any) -> Report:

@@ -13,9 +13,29 @@ from contextlib import AbstractContextManager
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal, localcontext
 from fractions import Fraction
 from functools import cache, lru_cache
+from typing import NoReturn
 
 DIGITS = 30
 """Digits of the enclosure that is given."""
+
+
+Exact = Fraction | int | float
+"""A number that is taken as it is: a float is the rational that its bits are."""
+
+
+def exact(value: Exact) -> Fraction | int:
+    """A number as a rational.
+
+    Raises:
+        TypeError: it is none, or is not finite.
+    """
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            raise TypeError(f"{value} is no finite number")
+        return Fraction(value)
+    if isinstance(value, Fraction | int):
+        return value
+    raise TypeError(f"a {type(value).__name__} is no number that can be taken as it is")
 
 
 def precise(digits: int) -> AbstractContextManager[Context]:
@@ -40,8 +60,9 @@ class Interval:
         self.down, self.up = _contexts(digits)
 
     @classmethod
-    def of(cls, value: Fraction | int, digits: int) -> Interval:
+    def of(cls, value: Exact, digits: int) -> Interval:
         """Make the smallest interval around a rational."""
+        value = exact(value)
         top, bottom = Decimal(value.numerator), Decimal(value.denominator)
         new = cls(top, top, digits)
         new.low, new.high = new.down.divide(top, bottom), new.up.divide(top, bottom)
@@ -50,20 +71,27 @@ class Interval:
     def _new(self, low: Decimal, high: Decimal) -> Interval:
         return Interval(low, high, self.digits)
 
-    def __add__(self, other: Interval | Fraction | int) -> Interval:
+    def number(self, value: Exact) -> Interval:
+        """The smallest interval of these digits around a number."""
+        return Interval.of(exact(value), self.digits)
+
+    def __add__(self, other: Interval | Exact) -> Interval:
         o = self._as(other)
         return self._new(self.down.add(self.low, o.low), self.up.add(self.high, o.high))
 
     def __neg__(self) -> Interval:
         return self._new(self.low.copy_negate(), self.high.copy_negate())._ordered()
 
-    def __sub__(self, other: Interval | Fraction | int) -> Interval:
+    def __sub__(self, other: Interval | Exact) -> Interval:
         return self + (-self._as(other))
 
-    def __rsub__(self, other: Fraction | int) -> Interval:
+    def __rsub__(self, other: Exact) -> Interval:
         return self._as(other) - self
 
-    def __mul__(self, other: Interval | Fraction | int) -> Interval:
+    def __rtruediv__(self, other: Exact) -> Interval:
+        return self._as(other) / self
+
+    def __mul__(self, other: Interval | Exact) -> Interval:
         o = self._as(other)
         if self.low >= 0 and o.low >= 0:
             return self._new(self.down.multiply(self.low, o.low),
@@ -76,7 +104,7 @@ class Interval:
 
     __radd__, __rmul__ = __add__, __mul__
 
-    def __truediv__(self, other: Interval | Fraction | int) -> Interval:
+    def __truediv__(self, other: Interval | Exact) -> Interval:
         o = self._as(other)
         if o.low <= 0 <= o.high:
             raise ZeroDivisionError("division by an interval that contains zero")
@@ -109,6 +137,75 @@ class Interval:
             self.up.next_plus(self.up.exp(self.high)),
         )
 
+    def sq(self) -> Interval:
+        """Square; never negative."""
+        a = self.absolute()
+        return a * a
+
+    def absolute(self) -> Interval:
+        """Absolute value."""
+        ends = self.low.copy_abs(), self.high.copy_abs()
+        low = Decimal(0) if self.low <= 0 <= self.high else min(ends)
+        return self._new(low, max(ends))
+
+    def minimum(self, other: Interval | Exact) -> Interval:
+        """Smaller one of two."""
+        o = self._as(other)
+        return self._new(min(self.low, o.low), min(self.high, o.high))
+
+    def maximum(self, other: Interval | Exact) -> Interval:
+        """Larger one of two."""
+        o = self._as(other)
+        return self._new(max(self.low, o.low), max(self.high, o.high))
+
+    def hull(self, other: Interval | Exact) -> Interval:
+        """Smallest interval around two."""
+        o = self._as(other)
+        return self._new(min(self.low, o.low), max(self.high, o.high))
+
+    def sgn(self) -> Interval:
+        """Sign, 0 at zero."""
+        return self._new(Decimal((self.low > 0) - (self.low < 0)),
+                         Decimal((self.high > 0) - (self.high < 0)))  # fmt: skip
+
+    def less(self, other: Interval | Exact) -> Interval:
+        """Whether self < other: 0, 1 or, where that is open, both."""
+        o = self._as(other)
+        return self._truth(self.high < o.low, self.low < o.high)
+
+    def less_equal(self, other: Interval | Exact) -> Interval:
+        """Whether self <= other: 0, 1 or, where that is open, both."""
+        o = self._as(other)
+        return self._truth(self.high <= o.low, self.low <= o.high)
+
+    def equal(self, other: Interval | Exact) -> Interval:
+        """Whether self = other: 0, 1 or, where that is open, both."""
+        o = self._as(other)
+        return self._truth(
+            self.low == self.high == o.low == o.high, self.low <= o.high and o.low <= self.high
+        )
+
+    def choose(self, yes: Interval, no: Interval) -> Interval:
+        """``yes`` where self is not 0, ``no`` where it is 0, both where that is open."""
+        if self.low > 0 or self.high < 0:
+            return yes
+        return no if self.low == self.high else yes.hull(no)
+
+    def decided(self) -> bool:
+        """Whether it is a single number, as a condition that is not open."""
+        return self.low.compare(self.high) == 0
+
+    def one_way(self) -> bool | None:
+        """What a decided condition says, the same everywhere."""
+        return not self.low.is_zero()
+
+    def touches_zero(self) -> bool:
+        """Whether it holds zero or what is below."""
+        return self.low <= 0
+
+    def _truth(self, sure: bool, possible: bool) -> Interval:
+        return self._new(Decimal(int(sure)), Decimal(int(possible)))
+
     def magnitude(self) -> Decimal:
         """Largest absolute value."""
         return max(self.low.copy_abs(), self.high.copy_abs())
@@ -121,8 +218,25 @@ class Interval:
         """Both ends as decimals."""
         return [str(self.low), str(self.high)]
 
-    def _as(self, other: Interval | Fraction | int) -> Interval:
-        return other if isinstance(other, Interval) else Interval.of(other, self.digits)
+    def _as(self, other: Interval | Exact) -> Interval:
+        if isinstance(other, Interval):
+            return other
+        return Interval.of(exact(other), self.digits)
+
+    def _no_number(self, *_: object) -> NoReturn:
+        """Refuse what would look at the interval as if it were one number.
+
+        Raises:
+            TypeError: always. An interval is neither equal to a number nor true nor false.
+        """
+        raise TypeError("an interval is no single number: compare and round it by its own methods")
+
+    __eq__ = __ne__ = __lt__ = __le__ = __gt__ = __ge__ = _no_number
+    __bool__ = __float__ = __int__ = __index__ = __complex__ = __round__ = _no_number
+    __trunc__ = __floor__ = __ceil__ = __floordiv__ = __rfloordiv__ = _no_number
+    __mod__ = __rmod__ = __divmod__ = __rdivmod__ = __pow__ = __rpow__ = __abs__ = _no_number
+    __hash__ = _no_number
+    __array_ufunc__ = None
 
     def _ordered(self) -> Interval:
         self.low, self.high = self.high, self.low

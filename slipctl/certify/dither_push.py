@@ -35,6 +35,7 @@ import numpy as np
 
 from slipctl.certify.ball import DOWN, WELL_DOWN, WELL_UP
 from slipctl.certify.dither import NODES, Found, Loop, basis_at, gain
+from slipctl.certify.dither_search import TIE, first_of_the_best
 
 MISSED = 1e-10
 """Of numbers below ``LARGEST`` and W above ``LEAST``, a million roundings of one another."""
@@ -68,10 +69,10 @@ def find(loop: Loop, found: Found) -> Push | None:
     gained, signs = np.zeros(ENDS), np.empty((ticks, ENDS), bool)
     for k, (push, _) in enumerate(_backwards(loop, orbit, basis_at(ends, degree), ticks), 1):
         gained += abs(push)
-        signs[ticks - k] = push > 0
+        signs[ticks - k] = push > -TIE * abs(push).max()
     there = orbit[0] @ basis_at(ends, degree)
-    best = int((abs(there) + W * loop.noise * gained).argmax())
-    outward = signs[:, best] if there[best] >= 0 else ~signs[:, best]
+    best = first_of_the_best(abs(there) + W * loop.noise * gained)
+    outward = signs[:, best] if there[best] >= -TIE else ~signs[:, best]
     return Push(float(ends[best] - ticks * W), tuple(bool(x) for x in outward))
 
 

@@ -22,6 +22,13 @@ from slipctl.certify.dither import (
 DEGREE = 8
 FINE = 2 * np.pi * np.arange(64) / 64
 
+WRITTEN = 1e10
+"""Steps from 0 to the largest number of a row that is written. A proof may be any numbers; those
+that are found end in digits that depend on the processor, at 1e-13 or so."""
+
+TIE = 1e-9
+"""Difference of scores, as a share, that is one of rounding."""
+
 
 @lru_cache(maxsize=64)
 def find(loop: Loop, start: float, reach: float | None = None) -> Found | None:
@@ -61,20 +68,32 @@ def _find(loop: Loop, exact: Loop, start: float, reach: float | None) -> Found |
     score = _scores(loop, orbit, trials, start, reach)
     if not len(score) or not score.max() > -math.inf:
         return None
-    best = int(score.argmax())
+    best = first_of_the_best(score)
     P, rate = trials.P[best], float(trials.mu[best])
     first, second, third = (2.0 ** -round(math.log2(P[n][0]) / 2) for n in (0, 3, 5))
     units = first, second, third
     scaled = [[v * units[i] * units[j] for v in P[n]] for n, (i, j) in enumerate(PAIRS)]
     size = max(row[0] for row in scaled)
-    short = tuple(tuple(float(f"{v / size:.13g}") for v in row) for row in scaled)
-    path = tuple(tuple(float(f"{v:.15g}") for v in row) for row in orbit)
+    short = tuple(tuple(_on_grid(v / size, WRITTEN) for v in row) for row in scaled)
+    path = tuple(tuple(_on_grid(v, WRITTEN / max(map(abs, row))) for v in row) for row in orbit)
     for share in (0.995, 0.97, 0.9, 0.7):
         mu = float(f"{rate * share:.6g}")
         done = check_proof(exact, Proof(path, short, units, mu))
         if done is not None:
             return done
     return None
+
+
+def _on_grid(value: float, steps: float) -> float:
+    """The number of whole steps that is nearest, of which there are so many in 1."""
+    digits = math.ceil(math.log10(steps)) if steps > 0 and math.isfinite(steps) else 15
+    return round(float(value), digits) + 0.0
+
+
+def first_of_the_best(scores: np.ndarray) -> int:
+    """Index of the first score that is the largest, or equal to it but for rounding."""
+    most = float(scores.max())
+    return int(np.flatnonzero(scores >= most - TIE * (1 + abs(most)))[0])
 
 
 def _collocation(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -107,7 +107,7 @@ def trusted_criteria(system: System, numbers: Mapping[str, Fraction]) -> Mapping
     """
     if registry.of_the_house(system):
         return system.asked(numbers)
-    return system.loop.criteria() if system.loop else {}
+    return system.loop.criteria(numbers) if system.loop else {}
 
 
 def refuters(system: System) -> Mapping[str, Refuter]:
@@ -128,7 +128,9 @@ def promise_of_system(
              for name, c in system.asked(numbers).items() if c.proves or c.refutes]  # fmt: skip
     words += [f"what {name} is declared to refute: nobody replayed it" for name in system.refuters]
     if system.loop:
-        words.append("that its tick is what runs: it is taken from the declaration")
+        words.append(
+            "that its tick is what runs: it is taken from the declaration, without rounding"
+        )
     return replace(promise, not_promised=(*promise.not_promised, *words))
 
 

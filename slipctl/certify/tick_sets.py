@@ -5,9 +5,10 @@ Who declares a system brings its equations, one tick of it, and nothing that has
     proof      cells that hold the start set, and whose images, whatever pushes, lie in these cells
     refutation a start and what pushes in each tick, after which a state is beyond its bound
 
-Both are computed from the tick with enclosures that are rounded outwards. The tick is written with
-+ - * / and the functions ``sgn``, ``root`` and ``clip`` of this module, so that it takes floats and
-intervals. Two states or three at most: the number of cells grows with their power.
+Both are computed from the tick as it is read into operations (``tick_source``), with enclosures
+that are rounded outwards. It is plain Python with + - * /, comparisons and the functions of this
+module. Cells take two states or three at most: their number grows with the power of that. A loop
+that is smooth about 0 may have any number of states: what each tick adds is summed up (``sums``).
 """
 
 from __future__ import annotations
@@ -15,16 +16,24 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cached_property
 from itertools import product
 from typing import Any
+
+import numpy as np
 
 from slipctl.certify.decimal_intervals import Interval
 from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
 from slipctl.certify.promise import Criterion, Entries, Evidence, Numbers, Refuter, Target
+from slipctl.certify.sampled_loop import Cell, SampledLoop
+from slipctl.certify.sums import Bounds, NoProof, check_cell, find_cell
+from slipctl.certify.tick_code import TickCode
+from slipctl.certify.tick_source import clip, code_of_tick, exp, if_else, root, sgn
 from slipctl.errors import BadInput
+
+__all__ = ["Loop", "clip", "exp", "if_else", "root", "sgn"]
 
 DIGITS = 25
 """Digits of the enclosures."""
@@ -35,7 +44,10 @@ GRIDS = {1: (64, 512), 2: (24, 64), 3: (8, 16)}
 MOST_CELLS = 5000
 """Most cells of a set."""
 
-MOST_TICKS = 2000
+FAR = 1e30
+"""Gain of a start at which no more ticks are added up."""
+
+MOST_TICKS = 5000
 """Most ticks of a run."""
 
 Values = Mapping[str, Any]
@@ -56,6 +68,7 @@ class Loop:
     start: Mapping[str, str]
     pushed: Mapping[str, str]
     stays: Mapping[str, str]
+    _codes: dict[tuple[str, ...], TickCode] = field(default_factory=dict, repr=False, compare=False)
 
     def targets(self) -> dict[str, Target]:
         """Clauses of its promise, one for each state that has to stay."""
@@ -68,20 +81,50 @@ class Loop:
         """Its start set in words."""
         return "every " + " and ".join(f"|{x}| <= {{{n}}}" for x, n in self.start.items())
 
-    def criteria(self) -> dict[str, Criterion]:
+    def code(self, numbers: Numbers) -> TickCode:
+        """Its tick as operations, for numbers of these names.
+
+        Raises:
+            BadInput: the tick is not written for a proof.
+        """
+        names = tuple(numbers)
+        if names not in self._codes:
+            groups = (names, tuple(self.start), tuple(self.pushed))
+            self._codes[names] = code_of_tick(self.tick, groups, tuple(self.start))
+        return self._codes[names]
+
+    def criteria(self, numbers: Numbers) -> dict[str, Criterion]:
         """What proves its clauses."""
         evidence = Evidence(lambda n: _find(self, n), lambda n, e: _check(self, n, e))
-        return {"cells": Criterion(
+        summed = Evidence(lambda n: _find_sums(self, n), lambda n, e: _check_sums(self, n, e))
+        return {"sums": Criterion(
+            "what each tick adds, summed up", proves=tuple(self.targets()),
+            covers=self._covered(numbers), evidence=summed,
+        ), "cells": Criterion(
             "cells that no tick leaves", proves=tuple(self.targets()),
-            covers=(*self.pushed.values(), *self.start.values(), *self._taken()), evidence=evidence,
+            covers=self._covered(numbers), evidence=evidence,
         )}  # fmt: skip
 
-    def _taken(self) -> set[str]:
-        """Numbers that the tick takes as they are: what it never looks at is not withstood."""
-        seen = _Seen()
-        with suppress(ArithmeticError, ValueError):  # what it took until then
-            self.tick(seen, dict.fromkeys(self.start, 0.5), dict.fromkeys(self.pushed, 0.5))
-        return seen.names
+    def sampled(self, n: Numbers) -> tuple[SampledLoop, Cell, Bounds]:
+        """The loop about 0, its numbers as parameters of one value, and what it withstands."""
+        code = self.code(n)
+        renamed = tuple(f"p_{i[2:]}" if i.startswith("n_") else i for i in code.inputs)
+        loop = SampledLoop(TickCode(renamed, code.steps, code.outputs), tuple(self.start),
+                           tuple(self.pushed), tuple(n))  # fmt: skip
+        still = (Fraction(0),) * len(self.start)
+        values = [Fraction(v) for v in n.values()]
+        cell = Cell(tuple((v, v) for v in values), still, (still,) * len(values))
+        pushed, start = ([Fraction(n[k]) for k in names.values()]
+                         for names in (self.pushed, self.start))  # fmt: skip
+        return loop, cell, Bounds(tuple(pushed), tuple(start))
+
+    def _covered(self, numbers: Numbers) -> tuple[str, ...]:
+        """Numbers that its next states depend on: what the tick never looks at is not withstood."""
+        used = self.code(numbers).depends()
+        return (
+            *(n for d, n in self.pushed.items() if f"d_{d}" in used), *self.start.values(),
+            *(n for n in numbers if f"n_{n}" in used),
+        )  # fmt: skip
 
     def refuters(self) -> dict[str, Refuter]:
         """What refutes them."""
@@ -94,58 +137,13 @@ class Loop:
         }  # fmt: skip
 
 
-class _Seen(dict[str, float]):
-    """Numbers, all of them 1, that remember which were asked for."""
-
-    def __init__(self) -> None:
-        self.names: set[str] = set()
-
-    def __missing__(self, name: str) -> float:
-        self.names.add(name)
-        return 1.0
-
-    def get(self, name: str, default: Any = None) -> float:
-        """Value of a number."""
-        return self[name]
-
-
-# ---- functions that take floats and intervals ---------------------------------------------------
-
-
-def sgn(x: Any) -> Any:
-    """Sign; of an interval that holds 0 all of -1 to 1."""
-    if isinstance(x, Interval):
-        low, high = x.ends()
-        return _span(Fraction((low > 0) - (low <= 0)), Fraction((high >= 0) - (high < 0)))
-    return (x > 0) - (x < 0)
-
-
-def root(x: Any) -> Any:
-    """Square root; of what is negative 0."""
-    if isinstance(x, Interval):
-        low, high = x.ends()
-        if high <= 0:
-            return _span(Fraction(0), Fraction(0))
-        top = _span(high, high).sqrt().ends()[1]
-        return _span(_span(low, low).sqrt().ends()[0] if low > 0 else Fraction(0), top)
-    return math.sqrt(max(x, 0.0))
-
-
-def clip(x: Any, low: Any, high: Any) -> Any:
-    """Value limited to a range of two rationals."""
-    if isinstance(x, Interval):
-        a, b = (min(max(end, Fraction(low)), Fraction(high)) for end in x.ends())
-        return _span(a, b)
-    return min(max(x, low), high)
+# ---- sets of cells ------------------------------------------------------------------------------
 
 
 def _span(low: Fraction, high: Fraction) -> Interval:
     """Interval between two rationals, rounded outwards."""
     a, b = Interval.of(low, DIGITS), Interval.of(high, DIGITS)
     return Interval(a.low, b.high, DIGITS)
-
-
-# ---- sets of cells ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -168,21 +166,18 @@ class _Grid:
         Raises:
             DoesNotHold: it may end outside of all.
         """
-        states = {}
+        given = dict(self._fixed)
         for x, i, reach in zip(self.loop.start, cell, self.reach, strict=True):
             size = 2 * reach / self.count
-            states[x] = _span(i * size - reach, (i + 1) * size - reach)
-        after = _ticked(self.loop, self._enclosed, states, self._pushed)
-        yield from self._touched([_ends(after[x]) for x in self.loop.start])
+            given[f"x_{x}"] = _span(i * size - reach, (i + 1) * size - reach)
+        after = self.loop.code(self.numbers).run(given)
+        yield from self._touched([after[x].ends() for x in self.loop.start])
 
-    @property
-    def _enclosed(self) -> dict[str, Interval]:
-        return {k: Interval.of(v, DIGITS) for k, v in self.numbers.items()}
-
-    @property
-    def _pushed(self) -> dict[str, Interval]:
+    @cached_property
+    def _fixed(self) -> dict[str, Interval]:
         numbers = self.numbers
-        return {d: _span(-numbers[n], numbers[n]) for d, n in self.loop.pushed.items()}
+        pushed = {f"d_{d}": _span(-numbers[n], numbers[n]) for d, n in self.loop.pushed.items()}
+        return {f"n_{k}": Interval.of(v, DIGITS) for k, v in numbers.items()} | pushed
 
     def _touched(self, spans: Sequence[tuple[Fraction, Fraction]]) -> Iterator[tuple[int, ...]]:
         ranges = []
@@ -194,25 +189,6 @@ class _Grid:
             last = max(math.ceil((high + reach) * scale) - 1, first)
             ranges.append(range(first, last + 1))
         yield from product(*ranges)
-
-
-def _ticked(loop: Loop, n: Numbers, states: Values, pushed: Values) -> Values:
-    """Enclosure of a tick.
-
-    Raises:
-        BadInput: the tick is not written for enclosures.
-    """
-    try:
-        return loop.tick(n, states, pushed)
-    except TypeError as error:
-        raise BadInput(
-            f"the tick takes no enclosures ({error}); write it with + - * / and with sgn, root and"
-            " clip of slipctl.certify.tick_sets"
-        ) from None
-
-
-def _ends(x: Any) -> tuple[Fraction, Fraction]:
-    return x.ends() if isinstance(x, Interval) else (Fraction(x), Fraction(x))
 
 
 def _find(loop: Loop, n: Numbers) -> Entries | None:
@@ -290,6 +266,32 @@ def _check(loop: Loop, n: Numbers, given: Entries) -> None:
             raise DoesNotHold("evidence: a tick leaves its cells")
 
 
+# ---- sums ---------------------------------------------------------------------------------------
+
+
+def _find_sums(loop: Loop, n: Numbers) -> Entries | None:
+    """A proof by sums, for a loop that is smooth about 0."""
+    if any(bound not in n for bound in loop.stays.values()):
+        return None
+    sampled, cell, bounds = loop.sampled(n)
+    try:
+        entry, _ = find_cell(sampled, cell, bounds)
+        _check_sums(loop, n, entry)
+    except (NoProof, DoesNotHold, ArithmeticError, np.linalg.LinAlgError):
+        return None
+    return entry
+
+
+def _check_sums(loop: Loop, n: Numbers, given: Entries) -> None:
+    sampled, cell, bounds = loop.sampled(n)
+    found, box = check_cell(sampled, bounds, given)
+    if found != cell:
+        raise DoesNotHold("evidence: it speaks of other numbers, or of another rest")
+    for state, z in zip(loop.start, box, strict=True):
+        if state in loop.stays and z > n[loop.stays[state]]:
+            raise DoesNotHold(f"evidence: {state} is not shown to stay")
+
+
 # ---- runs ---------------------------------------------------------------------------------------
 
 
@@ -303,6 +305,7 @@ def _run(
     in the next tick. With an odd one it holds a random corner for some ticks.
     """
     rng, plain = random.Random(seed), {k: float(v) for k, v in n.items()}
+    ticked = _on_floats(loop, n)
     corners = [dict(zip(loop.pushed, s, strict=True))
                for s in product((-1, 1), repeat=len(loop.pushed))]  # fmt: skip
     signs = {x: rng.choice((-1, 1)) for x in loop.start}
@@ -315,19 +318,77 @@ def _run(
     for i in range(ticks):
         try:
             if seed % 2 == 0:
-                tried = [(loop.tick(plain, states, push), s) for push, s in pushes]
+                tried = [(ticked(states, push), s) for push, s in pushes]
                 states, signs = max(tried, key=lambda t: abs(t[0][state or next(iter(t[0]))]))
             else:
                 held = rng.choice(pushes) if i % stay == 0 else held
-                states, signs = loop.tick(plain, states, held[0]), held[1]
+                states, signs = ticked(states, held[0]), held[1]
         except (ArithmeticError, ValueError):
             return
         kept.append(signs)
         yield states
 
 
+def _on_floats(loop: Loop, n: Numbers) -> Callable[[Values, Values], dict[str, float]]:
+    """Next states of states and what pushes, in floats."""
+    run, numbers = loop.code(n).compiled(), [float(v) for v in n.values()]
+
+    def ticked(states: Values, pushed: Values) -> dict[str, float]:
+        found = run(*numbers, *states.values(), *pushed.values())
+        return dict(zip(loop.start, found, strict=True))
+
+    return ticked
+
+
+def _summed_run(loop: Loop, n: Numbers, state: str, limit: float) -> Entries | None:
+    """Run whose start and pushes add up in a state, as the loop linearised at 0 says."""
+    ticked, names, pushes = _on_floats(loop, n), list(loop.start), list(loop.pushed)
+    zero, still = dict.fromkeys(names, 0.0), dict.fromkeys(pushes, 0.0)
+    small = 1e-7
+
+    def column(x: Values, d: Values) -> list[float]:
+        moved, at = ticked(x, d), ticked(zero, still)
+        return [(moved[k] - at[k]) / small for k in names]
+
+    try:
+        A = np.array([column({**zero, k: small}, still) for k in names]).T
+        B = np.array([column(zero, {**still, d: small}) for d in pushes]).reshape(-1, len(names)).T
+    except (ArithmeticError, ValueError):
+        return None
+    row, by_push, by_start = np.eye(len(names))[names.index(state)], [], []
+    for _ in range(MOST_TICKS):
+        if not np.isfinite(row).all():
+            break
+        by_push.append(np.sign(row @ B).astype(int).tolist())
+        row = row @ A
+        by_start.append(np.sign(row).astype(int).tolist())
+        if np.abs(row).max() > FAR:
+            break
+    for ticks in (50, 200, 700, len(by_push)):
+        signs = [dict(zip(pushes, s, strict=True)) for s in reversed(by_push[:ticks])]
+        for turn in (1, -1):
+            begin = by_start[min(ticks, len(by_start)) - 1] if by_start else [0] * len(names)
+            first = {k: turn * s for k, s in zip(names, begin, strict=True)}
+            states: Values = {k: s * float(n[loop.start[k]]) for k, s in first.items()}
+            for i, one in enumerate(signs):
+                try:
+                    push = {d: turn * s * float(n[loop.pushed[d]]) for d, s in one.items()}
+                    states = ticked(states, push)
+                except (ArithmeticError, ValueError):
+                    break
+                if not abs(states[state]) <= limit:
+                    start = {k: str(s * n[loop.start[k]]) for k, s in first.items()}
+                    pushed = [{d: str(turn * s * n[loop.pushed[d]]) for d, s in p.items()}
+                              for p in signs[: i + 1]]  # fmt: skip
+                    return {"start": start, "pushed": pushed}
+    return None
+
+
 def _find_run(loop: Loop, n: Numbers, state: str) -> Entries | None:
     limit = float(n[loop.stays[state]]) * (1 + 1e-9)
+    summed = _summed_run(loop, n, state, limit)
+    if summed is not None:
+        return summed
     for seed in range(60):
         kept: list[dict[str, int]] = []
         for states in _run(loop, n, seed, 400, state, kept):
@@ -342,19 +403,25 @@ def _find_run(loop: Loop, n: Numbers, state: str) -> Entries | None:
 
 def _replay(loop: Loop, n: Numbers, given: Entries, state: str) -> str:
     entry = read_mapping(given, ("start", "pushed"), "run", True)
-    states: Values = _read(entry["start"], loop.start, n, "run.start")
-    enclosed = {k: Interval.of(v, 2 * DIGITS) for k, v in n.items()}
     pushed = rows(entry["pushed"], "run.pushed", MOST_TICKS)
+    digits = 2 * DIGITS + len(pushed) // 4  # an interval widens from tick to tick
+    states = _read(entry["start"], loop.start, n, "run.start", digits)
+    code = loop.code(n)
+    given = {f"n_{k}": Interval.of(v, digits) for k, v in n.items()}
     for i, one in enumerate(pushed):
-        states = _ticked(loop, enclosed, states, _read(one, loop.pushed, n, f"run.pushed[{i}]"))
-    low, high = _ends(states[state])
+        push = _read(one, loop.pushed, n, f"run.pushed[{i}]", digits)
+        given |= {f"x_{x}": v for x, v in states.items()} | {f"d_{d}": v for d, v in push.items()}
+        states = code.run(given)
+    low, high = states[state].ends()
     limit = n[loop.stays[state]]
     if not (low > limit or high < -limit):
         raise DoesNotHold(f"run: {state} is not shown to exceed its bound")
     return f"after {len(pushed)} ticks |{state}| is {float(max(low, -high)):.6g} at least"
 
 
-def _read(given: Any, bounds: Mapping[str, str], n: Numbers, where: str) -> dict[str, Interval]:
+def _read(
+    given: Any, bounds: Mapping[str, str], n: Numbers, where: str, digits: int
+) -> dict[str, Interval]:
     """Values of a run, none beyond its bound."""
     entry = read_mapping(given, tuple(bounds), where, True)
     out = {}
@@ -362,5 +429,5 @@ def _read(given: Any, bounds: Mapping[str, str], n: Numbers, where: str) -> dict
         value = rational(entry[name], where)
         if abs(value) > n[bound]:
             raise DoesNotHold(f"{where}: {name} is larger than was asked")
-        out[name] = Interval.of(value, 2 * DIGITS)
+        out[name] = Interval.of(value, digits)
     return out

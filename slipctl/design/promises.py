@@ -37,12 +37,12 @@ class Promises:
 
     def numbers(self, gains: Gains, loop: Block) -> dict[str, Fraction]:
         """Numbers of a certificate for a loop as it is."""
-        system = catalogue.system(gains.system)
+        system = catalogue.system_of_gains(gains, loop)
         return exact_numbers(system, {k: float(v) for k, v in gains.numbers(loop).items()})
 
     def verdict(self, gains: Gains, loop: Block, margin: float = 1.0) -> str:
         """Verdict with every bound of the disturbances so many times as large."""
-        system = catalogue.system(gains.system)
+        system = catalogue.system_of_gains(gains, loop)
         try:
             numbers = with_margin(system, self.numbers(gains, loop), margin)
             return proofs.decide(system, numbers).verdict
@@ -51,7 +51,7 @@ class Promises:
 
     def promise(self, gains: Gains, loop: Block) -> str:
         """What is promised, in words."""
-        system = catalogue.system(gains.system)
+        system = catalogue.system_of_gains(gains, loop)
         return str(proofs.decide(system, self.numbers(gains, loop)).promise)
 
     def needed(self) -> list[tuple[Gains, float, str]]:
@@ -120,5 +120,5 @@ def promises_of_loop(gains: Sequence[Gains], loop: str, scenario: str) -> tuple[
 
 def certificate(gains: Gains, loop: Block, promises: Promises, margin: float) -> dict[str, Any]:
     """Certificate as ``slipctl certify --out`` writes it, with the bounds times the margin."""
-    system = catalogue.system(gains.system)
+    system = catalogue.system_of_gains(gains, loop)
     return proofs.write(system, with_margin(system, promises.numbers(gains, loop), margin))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from slipctl.block.block import Block
+from slipctl.block.reach import reach_text
 from slipctl.block.shared_numbers import differences, places_of
 from slipctl.block.signals import Signal
 from slipctl.draw import show
@@ -31,6 +32,7 @@ def block_dict(block: Block) -> dict[str, Any]:
         "shared": {n: list(places) for n in block.params if (places := places_of(block, n))},
         "set_apart": dict(apart),
         "conditions": {k: dict(v) for k, v in block.conditions.items()},
+        **({"reach": reach} if (reach := reach_text(block)) else {}),
         "latex": show.latex(block),
     }
 

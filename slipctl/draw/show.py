@@ -11,6 +11,7 @@ from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
+from slipctl.block.reach import reach_text
 from slipctl.block.shared_numbers import differences, places_of
 from slipctl.block.signals import Signal
 from slipctl.block.text import formula
@@ -161,6 +162,8 @@ def text(block: Block, jacobian: bool = True) -> str:
             for k, values in block.conditions.items()
         ]
         out += ["Rail conditions", *_indent(_columns(sets)), ""]
+    if reach := reach_text(block):
+        out += ["Reach", *_indent([reach]), ""]
     shared = [(n, ", ".join(places_of(block, n))) for n in block.params if places_of(block, n)]
     if shared:
         shared += [(p, f"differs from {n}") for p, n in differences(block).items()]

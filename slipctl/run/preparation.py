@@ -20,6 +20,7 @@ from slipctl.run.rail import Rail, Scenario
 from slipctl.run.scenario_inputs import feeds, loop_at_start, pieces, rail_values
 from slipctl.run.warnings.doubts import doubt_signals, estimates_off, warnings_of_log
 from slipctl.run.warnings.first_guesses import warnings_of_starts
+from slipctl.run.warnings.wheels import wheel_warnings
 
 if TYPE_CHECKING:
     import xarray
@@ -445,8 +446,11 @@ class Log(Mapping[str, np.ndarray]):
         begin = Log(self.loop, self.scenario, self._time[:1], self._first,
                     log_columns(self.loop, every), self._first)  # fmt: skip
         scenario = self.scenario.but(params={}, start={})
-        late = [] if self.watched is None else warnings_of_log(self.loop, scenario, self.watched)
-        return [*warnings_of_starts(self.loop, scenario, lambda _: begin), *late]
+        starts = warnings_of_starts(self.loop, scenario, lambda _: begin)
+        if self.watched is None:
+            return starts
+        wheels = wheel_warnings(self.loop, scenario, self.watched)
+        return [*wheels, *starts, *warnings_of_log(self.loop, scenario, self.watched)]
 
     def dataset(self) -> xarray.Dataset:
         """The same as a Dataset, with units and provenance; see :func:`simulate`."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from slipctl import registry
-from slipctl.errors import BadInput, check_kinds, check_number, check_whole
+from slipctl.errors import BadInput, check_kinds, check_number, check_whole, value_text
 
 Feed = float | Sequence[Any] | Callable[[np.ndarray], np.ndarray]
 """Value of an input: a number, steps ((time in s, value), ...), or a function of the times."""
@@ -59,7 +59,9 @@ class Rail:
         if not isinstance(sections, Sequence):
             raise BadInput(f"a Rail takes a list of sections, not {sections!r}")
         if not isinstance(by, str):
-            raise BadInput(f"a Rail goes by 'time', 'position' or a state's name, not {by!r}")
+            raise BadInput(
+                f"a Rail goes by 'time', 'position' or a state's name, not {value_text(by)}"
+            )
         object.__setattr__(self, "sections", tuple(sections))
         object.__setattr__(self, "by", by)
         unit = "s" if by == "time" else "m"
@@ -67,7 +69,9 @@ class Rail:
             raise BadInput("a Rail needs at least one Section")
         for k, s in enumerate(self.sections):
             if not isinstance(s, Section):
-                raise BadInput(f"rail section {k} is {s!r}; write Section(start, condition)")
+                raise BadInput(
+                    f"rail section {k} is {value_text(s)}; write Section(start, condition)"
+                )
             check_number(f"start of rail section {k}", s.start, unit)
             if s.length is not None:
                 check_number(f"length of rail section {k}", s.length, unit)
@@ -178,6 +182,7 @@ class Scenario:
     end: End | None = None
 
     def __post_init__(self) -> None:
+        check_kinds("Scenario", Scenario, {"name": self.name})
         check_number(f"scenario {self.name}: duration", self.duration, "s")
         check_number(f"scenario {self.name}: noise", self.noise)
         check_whole(f"scenario {self.name}: seed", self.seed, 0)

@@ -160,7 +160,7 @@ def prepare(
             run = {c.scenario.name for c in cases}
             (left if left is not None else []).extend(n for n in named if n not in run)
         cases = _set(study, cases, read)
-        said: dict[str, None] = {}
+        said: dict[str, None] = dict.fromkeys(study.without_effect)
         for case in cases:
             for name, loop in case.loops.items():
                 store.check_names(Path(case.scenario.name, name))

@@ -308,6 +308,7 @@ class Gains:
         condition: criterion that the paper itself states for its gains, ``"printed_48"``.
         source: of the gains.
         costs: function of the loop to the share of a bound left with half of a range, by its name.
+        made: function of the loop that makes the system where it is one of this loop alone.
     """
 
     name: str
@@ -318,6 +319,7 @@ class Gains:
     condition: str = ""
     source: str = ""
     costs: Callable[[Block], Mapping[str, float]] | None = None
+    made: Callable[[Block], Any] | None = None
 
     def __post_init__(self) -> None:
         check_kinds("Gains", Gains, vars(self))
@@ -350,6 +352,7 @@ class Study:
         uncertified: why a loop has no gains to certify, by its name.
         short: the answer in a few sentences, as "In short" of its page has it.
         headline: id of the claim that it stands or falls with.
+        without_effect: what of it has no effect on any run, a line each; each run tells them.
     """
 
     name: str
@@ -371,6 +374,7 @@ class Study:
     uncertified: Mapping[str, str] = field(default_factory=dict)
     short: str = ""
     headline: str = ""
+    without_effect: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_kinds("Study", Study, vars(self))

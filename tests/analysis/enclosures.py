@@ -21,6 +21,7 @@ from slipctl.study.resolve import load_block
 
 LAWS: dict[str, tuple[str, tuple[float, float]]] = {
     "subway_braking.double_exponential": ("v_s", (0.05, 8.0)),
+    "exponential_tail.exponential_tail": ("v_s", (0.05, 8.0)),
     "hst_braking.burckhardt": ("lam", (0.005, 0.9)),
     "freight_traction.adhesion": ("v_s", (0.05, 8.0)),
     "contact.polach": ("v_s", (0.01, 5.0)),

@@ -431,3 +431,41 @@ def test_another_structure_has_its_own_equations():
     held = step(name="held", period=0.01)(lambda v=Input("m/s"), F=State("N"): ({"F": v}, {}))
     swapped = loop.swap("ctl", held)
     assert swapped.f is not loop.f
+
+
+@pytest.mark.parametrize("method", ["rk4", "euler"])
+def test_an_accepted_step_follows_a_wheel_that_locks(method):
+    """The mode of a locking wheel under the largest torque counts, and not that of the start alone.
+
+    The right speeds are those of scipy's Radau. The longest step that is accepted and one that is
+    half as long again stand on both sides of the bound.
+    """
+    from scipy.integrate import solve_ivp
+
+    from slipctl.models import brakes
+    from slipctl.models.huang_2020 import subway_braking
+
+    m, J, r, g, v_0, T, end = 8000.0, 240.0, 0.5, 9.81, 5.0, 20e3, 1.2
+
+    def rates(_, y):
+        v, w = y
+        s = v - r * w
+        mu = np.sign(s) * (np.exp(-0.54 * abs(s)) - np.exp(-1.2 * abs(s)))
+        fall = mu * g + (150 + 5 * v + 0.35 * v * v) / m
+        return [-fall, (r * mu * m * g - T * np.clip(w / 0.1, -1, 1)) / J]
+
+    right = solve_ivp(rates, (0, end), [v_0, v_0 / r], "Radau", rtol=1e-10, atol=1e-12).y[:, -1]
+    plant = subway_braking.plant(brake=brakes.brake())
+    with pytest.raises(BadInput, match="wheels that stand with the largest inputs") as refused:
+        sampled(plant, 0.05, method)
+    longest = float(re.search(r"allows (\S+) ms", str(refused.value))[1]) * 1e-3
+    h = end / np.ceil(end / (0.98 * longest))
+    start = {"wheel.v": v_0, "wheel.omega": v_0 / r}
+    scenario = Scenario("x", end + h, inputs={"T_cmd": T}, start=start)
+    log = simulate(sampled(plant, h, method), scenario, compile=False)
+    k = int(np.argmin(abs(log["time"].values - end)))
+    assert log["wheel.omega"].values[k] == pytest.approx(right[1], abs=0.02)
+    assert log["wheel.v"].values[k] == pytest.approx(right[0], abs=0.02)
+    late = sampled(plant, 1.5 * longest, method, check=False)
+    log = simulate(late, scenario, compile=False)
+    assert abs(log["wheel.omega"].values[-100:] - right[1]).max() > 0.05

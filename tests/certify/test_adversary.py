@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from adversary import common
+from adversary import common, user_ticks
 
 pytestmark = pytest.mark.second
 
@@ -19,3 +19,11 @@ def test_no_verdict_is_false(name):
     assert not found.false_refuted
     assert min(found.certified, found.refuted) > 10
     assert found.share_undecided < 0.2
+
+
+def test_no_tick_of_a_person_is_certified_falsely():
+    """150 random ticks, also hostile ones; 10 000 by ``adversary/run.py``."""
+    found = user_ticks.trial(150, seed=0)
+    assert not found.false_certified
+    assert not found.false_refuted
+    assert min(found.certified, found.refuted, len(found.undecided_cases)) > 20

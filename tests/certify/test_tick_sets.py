@@ -85,7 +85,9 @@ def test_an_input_that_the_tick_never_looks_at_is_not_withstood():
     assert report(LINE, numbers).verdict == CERTIFIED
     assert report(LINE, {**numbers, "lag": 0.1}).verdict == "UNDECIDED"
     unsaid = report(LINE, numbers).decision.promise.not_promised
-    assert "that its tick is what runs: it is taken from the declaration" in unsaid
+    assert (
+        "that its tick is what runs: it is taken from the declaration, without rounding" in unsaid
+    )
 
 
 def test_altered_certificates_fail():
@@ -112,11 +114,112 @@ def test_altered_certificates_fail():
             proofs.check(LINE, bad)
 
 
-def test_a_tick_that_takes_no_enclosure_is_refused():
-    loop = Loop(lambda n, x, d: {"x": 0.0 if x["x"] > 0 else x["x"]}, {"x": "x0"}, {},
-                {"x": "band"})  # fmt: skip
-    with pytest.raises(BadInput, match=r"takes no enclosures .*sgn, root and clip"):
-        report(declared(loop), {"a": 1, "x0": 1, "band": 2})
+def asked(tick, **numbers):
+    """Verdict on a tick of one state x and one push w."""
+    loop = Loop(tick, {"x": "x0"}, {"w": "W"}, {"x": "band"})
+    told = {"a": F(1, 2), "x0": F(1), "W": F(1, 10), "band": F(3, 2), **numbers}
+    return report(declared(loop), told).verdict
+
+
+def test_comparisons_and_literals_of_a_tick_are_what_python_does():
+    """Each branch counts where its condition holds, and only there."""
+    assert asked(lambda n, x, d: {"x": 0.5 * x["x"] + d["w"]}) == CERTIFIED
+    assert asked(lambda n, x, d: {"x": (0 if x["x"] > 0 else x["x"] / 2) + d["w"]}) == CERTIFIED
+    kicked = lambda n, x, d: {"x": x["x"] / 2 + (5 if x["x"] == 0 else 0)}  # noqa: E731
+    assert asked(kicked, x0=F(0), W=F(0)) == REFUTED
+    assert asked(kicked) != CERTIFIED
+    assert asked(lambda n, x, d: {"x": x["x"] / 2 + (5 if x["x"] > 4 else 0)}, W=F(0)) == CERTIFIED
+    assert asked(lambda n, x, d: {"x": max(min(x["x"], 0.3), -0.3) + d["w"]}) == CERTIFIED
+    assert asked(lambda n, x, d: {"x": 2 * x["x"] if x["x"] else d["w"]}) == REFUTED
+    assert (
+        asked(lambda n, x, d: {"x": abs(x["x"]) ** 2 / 4 - (-1 < x["x"] < 1) / 10}, W=F(0))
+        == CERTIFIED
+    )
+
+
+COUNT = [0]
+GAIN = 0.5
+HOLDER = {"gain": 0.5}
+
+
+def counts(n, x, d):
+    """A tick that another tick hears of."""
+    COUNT[0] += 1
+    return {"x": x["x"] / 2 + (5 if COUNT[0] > 3000 else 0)}
+
+
+def counting():
+    """A tick that keeps its own count."""
+    seen = 0
+
+    def tick(n, x, d):
+        nonlocal seen
+        seen += 1
+        return {"x": x["x"] / 2 + (5 if seen > 3000 else 0)}
+
+    return tick
+
+
+def caught(n, x, d):
+    """A tick that swallows what it is refused."""
+    try:
+        return {"x": x["x"] // 1 * 9}
+    except TypeError:
+        return {"x": 0 * x["x"]}
+
+
+def keeps(n, x, d, memory=[]):  # noqa: B006
+    """A tick with a default that keeps what is put into it."""
+    memory.append(1)
+    return {"x": x["x"] / 2 + len(memory)}
+
+
+@pytest.mark.parametrize(
+    ("tick", "says"),
+    [
+        (lambda n, x, d: {"x": int(x["x"])}, "int"),
+        (lambda n, x, d: {"x": round(x["x"], 1)}, "round"),
+        (lambda n, x, d: {"x": 2 * x["x"] // 1}, "a cast, a rounding"),
+        (lambda n, x, d: {"x": np.sign(x["x"])}, "np.sign"),
+        (lambda n, x, d: {"x": 2 if isinstance(x["x"], float) else 0}, "isinstance"),
+        (lambda n, x, d: {"x": 2 if x["x"] is n["a"] else 0}, "same object"),
+        (lambda n, x, d: {"x": 2 if x["x"] is not None else 0}, "same object"),
+        (lambda n, x, d: {"x": len(f"{x['x']}")}, "a text of a number"),
+        (lambda n, x, d: {"x": x["x"].real}, "attribute real"),
+        (lambda n, x, d: {"x": {0: 5}.get(x["x"], 0)}, "a cast"),
+        (lambda n, x, d: {"x": HOLDER["gain"] * x["x"]}, "HOLDER"),
+        (lambda n, x, d: {"x": np.random.default_rng() * x["x"]}, "np.random"),
+        (lambda n, x, d: {"y": x["x"]}, "gives no 'x'"),
+        (lambda n, x, d: {"x": x["x"] * float("inf")}, "float"),
+        (counts, "COUNT"),
+        (counting(), "seen"),
+        (caught, "catches an error"),
+        (keeps, "in a default"),
+        (COUNT.append, "builtin"),
+    ],
+)  # fmt: skip
+def test_a_tick_that_cannot_be_read_is_refused_in_words(tick, says):
+    with pytest.raises(BadInput, match=says) as told:
+        asked(tick)
+    assert "\n" not in str(told.value)
+
+
+def test_a_tick_may_use_numbers_of_its_file_and_functions_of_its_own():
+    def own(value, gain=0.25):
+        return gain * value
+
+    assert asked(lambda n, x, d: {"x": GAIN * x["x"] + own(d["w"])}) == CERTIFIED
+    assert asked(lambda n, x, d: {"x": sum(own(v) for v in (x["x"], d["w"]))}) == CERTIFIED
+
+
+def test_an_interval_is_no_number():
+    """A comparison, a truth or a cast of an interval is an error, never an answer."""
+    one = _span(F(0), F(1))
+    for wrong in (lambda: one == 0, lambda: bool(one), lambda: one > 0, lambda: hash(one),
+                  lambda: float(one), lambda: int(one), lambda: one // 1, lambda: round(one),
+                  lambda: one != one, lambda: one in (0, 1)):  # fmt: skip
+        with pytest.raises(TypeError):
+            wrong()
 
 
 def test_functions_enclose_what_they_do_to_numbers():

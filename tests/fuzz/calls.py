@@ -113,28 +113,75 @@ VALID: dict[str, tuple[tuple[Any, ...], dict[str, Any]]] = {
     "Table": (("t", {"a": ("1", [1, 2])}), {"doc": ""}),
     "Claim": (("i", "s", "c", "number", "1.0"), {"ours": lambda r: 1.0, "tolerance": 0.1}),
     "Known": (("m", 1.0), {}),
+    "interpolated": ((0.5, [0, 1, 2], [0, 1, 4]), {}),
+    "End": (("x",), {"below": 0.5, "hold": 0.01}),
+    "Ensemble": (({"k": "0.5:1"},), {"scale": {}, "seeds": False}),
+    "Case": ((SCENARIO, {"l": tick}), {"known": {}, "log": ["x"], "every": 1}),
+    "Signals": ((), {"speed": "u", "slip": "x"}),
+    "Experiment": (("t", lambda c: None), {"doc": ""}),
+    "Figure": (("c", lambda r: None), {"source": ""}),
+    "Gains": (("n", "l", "super_twisting", lambda b: {}), {}),
+    "Block": (("b", "law", lambda x, u, p: ({}, {}), [sc.Output("1").named("y")]), {}),
+    "ranged": ((tick, sc.Output("m", "place", lo=0, hi=1).named("y")), {}),
+    "state_machine": (("m", ("a", "b"), [("a", "b", "v > hi"), ("b", "a", "v < hi")]),
+                      {"v": sc.Input("m/s"), "hi": sc.Param("m/s", 1.0), "start": "a"}),
+    "gated": ((tick,), {"by": "on"}),
+    "from_text": (("x' = -k*x where x = 1 m, k = 2 1/s",), {"name": "q"}),
+    "over_distance": ((car,), {"speed": "v", "least": 0.1}),
+    "prepare": ((tick, SCENARIO), {"compile": False, "log": ["x"], "every": 1, "runs": 1}),
+    "misfit_search": ((line, {"a": (0.0, 2.0), "b": (0.0, 2.0)}),
+                      {"particles": 3, "iterations": 2}),
+    "speed_to_ratio": ((), {}),
+    "ratio_to_speed": ((), {}),
 }  # fmt: skip
+
+
+def lists_in_lists(depth: int) -> list[Any]:
+    """A list in a list in a list."""
+    found: list[Any] = []
+    for _ in range(depth):
+        found = [found]
+    return found
+
+
+METHODS: dict[str, tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]] = {
+    "expr": (tick.expr, ({"x": 0.0}, {"u": 1.0}, {"k": 1.0}), {}),
+    "jacobian": (hump.jacobian, ("mu", ["c", "a"]), {}),
+    "hump": (hump, (), {"v": 1.0, "c": 0.5}),
+    "with_params": (tick.with_params, (), {"k": 2.0}),
+    "but": (SCENARIO.but, (), {"duration": 0.1, "seed": 2, "noise": 0.0, "params": {"k": 1.0}}),
+}
+"""Methods that a user calls, and calls of them that are right."""
 
 WRONG: tuple[Any, ...] = (
     None, 3, -1, 0, 2.5, math.nan, math.inf, -math.inf, 1e308, 1 + 2j, True, "x", "", "a b", b"x",
     [], [1, "x"], [None], (), {}, {"x": 1}, {1: 2}, {"v": None}, {"x": math.nan}, object(), int,
     lambda *a: None, np.array([]), np.array([math.nan]), np.array(["x"]), ca.SX.sym("s"), tick,
     hump, slice(3), range(0), set(), float, "unit^", 10**400,
+    lists_in_lists(3000),
 )  # fmt: skip
 
 
 def wrong_calls() -> Iterator[tuple[str, str, Callable[[], Any]]]:
     """Name of the function, place of the argument with the value in words, and the call."""
-    for name, (args, kwargs) in VALID.items():
-        function = getattr(sc, name)
+    rows = {n: (getattr(sc, n), *given) for n, given in VALID.items()} | METHODS
+    for name, (function, args, kwargs) in rows.items():
         for value in WRONG:
-            shown = repr(value)[:40] if not callable(value) else getattr(value, "__name__", "block")
+            shown = type(value).__name__ if callable(value) else _words(value)
             for k in range(len(args)):
                 put = [*args[:k], value, *args[k + 1 :]]
                 yield name, f"{k}={shown}", lambda f=function, a=put, w=kwargs: f(*a, **w)
             for key in kwargs:
                 swapped = kwargs | {key: value}
                 yield name, f"{key}={shown}", lambda f=function, a=args, w=swapped: f(*a, **w)
+
+
+def _words(value: Any) -> str:
+    """A value, short."""
+    try:
+        return repr(value)[:40]
+    except RecursionError:
+        return "nested"
 
 
 def answer(name: str, call: Callable[[], Any]) -> str:

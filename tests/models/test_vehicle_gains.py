@@ -133,10 +133,12 @@ def test_each_law_is_asked_as_its_system(tmp_path, capsys):
     for system in ("super_twisting", "reaching_law", "prescribed_performance", "lagged_loop",
                    "higher_order"):  # fmt: skip
         assert f"), {system}: " in out
-    assert "pid: no certificate, its integral" in out
+    assert "), axle_loop: " in out or "pid: no certificate, on every rail" in out
     assert "predictive: no certificate, what it does is the solution of a program" in out
-    assert cli.main(["certify", f"{path}:pid"]) == 2
-    assert "gains of pid to certify: its integral" in capsys.readouterr().err
+    assert cli.main(["certify", f"{path}:pid"]) == 0
+    assert "pid (loop pid), axle_loop: REFUTED" in capsys.readouterr().out
+    assert cli.main(["certify", f"{path}:predictive"]) == 2
+    assert "gains of predictive to certify: what it does" in capsys.readouterr().err
 
 
 def test_the_certificate_of_a_loop_is_written_and_checked(tmp_path, capsys):

@@ -208,4 +208,5 @@ def test_warnings_stand_at_the_top_of_output_and_report(tmp_path, monkeypatch, c
             assert page.index(line) < page.index("<nav>")
     assert main(["-q", "run", "weak.toml", "--quick", "--no-compile", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["warnings"]
-    assert found == [{"text": line, "runs": "base: none"}]
+    assert {"text": line, "runs": "base: none"} in found
+    assert [f for f in found if "sections of the rail" not in f["text"]] == found[1:]

@@ -106,10 +106,10 @@ def test_show_and_certify_know_it(tmp_path, monkeypatch, capsys):
         ('kind = "sta"', 'kind = "st"', "did you mean 'sta'"),
         ('k1 = "20 m', 'k9 = "20 m', "k9"),
         ('k1 = "20 m^.5/s^1.5"', 'k1 = "20 m"', "another dimension"),
-        ("leaves = { c = 0.18 }", 'leaves = { d = 0.18 }', "has no parameter of this name"),
+        ("leaves = { c = 0.09", "leaves = { d = 0.18", "has no parameter of this name"),
         ('condition = "leaves"', 'condition = "leafs"', "did you mean 'leaves'"),
         ('place = "45 m"', 'place = "85 m"', "not after the one before"),
-        ('law = "double_exponential"', 'law = "double_exponentail"', "double_exponential"),
+        ('law = "exponential_tail"', 'law = "exponential_tial"', "exponential_tail"),
         ('torque = "8 kN m" ', "", "needs torque"),
         ('end = "standstill"', 'end = "standstil"', "or 'standstill'"),
         ('end = "standstill"', 'end = "130"', "write a number in m"),
@@ -137,9 +137,9 @@ def test_all_faults_are_told_at_once(tmp_path):
 def test_all_faults_of_a_law_of_ones_own_are_told_at_once(tmp_path):
     """Conditions of another law stay in the file: each number of them, and each section."""
     text = METRO.replace(
-        'law = "double_exponential"', 'law = "mu = m*v_s where v_s [m/s], m = 1 s/m"'
+        'law = "exponential_tail"', 'law = "mu = m*v_s where v_s [m/s], m = 1 s/m"'
     )
-    text = text.replace("leaves = { c = 0.18 }", 'leaves = { c = 0.18, m = "2 kg" }')
+    text = text.replace("leaves = { c = 0.09, s = 0.03 }", 'leaves = { c = 0.09, m = "2 kg" }')
     lines = told(tmp_path, text)
     paths = [re.search(r"line \d+: (\S+): ", line)[1] for line in lines]
     assert paths == ["rail.conditions.leaves.c", "rail.conditions.leaves.m",

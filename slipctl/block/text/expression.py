@@ -18,7 +18,7 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
-from slipctl.errors import BadInput, Faults, nearest
+from slipctl.errors import BadInput, Faults, check_number, nearest
 
 LONGEST = 2000
 """Characters of one expression; Python's parser is slow or gives up beyond."""
@@ -402,9 +402,15 @@ def interpolated(x: Any, xs: Any, ys: Any) -> Any:
         BadInput: places that do not rise, or heights of another number.
     """
     import casadi as ca
+    import numpy as np
 
     if isinstance(x, tuple | list):
         return _over_two(x, xs, ys)
+    if isinstance(x, (float, int)):
+        check_number("interpolated: the place", x)
+    numbers = isinstance(x, (float, int, np.number)) or getattr(x, "dtype", "x") in (float, int)
+    if not isinstance(x, (ca.SX, ca.MX, ca.DM)) and not numbers:
+        raise BadInput(f"interpolated: {type(x).__name__} is no number and no expression")
     xs, ys = _places(xs), _points(ys)
     if len(xs) != len(ys):
         raise BadInput(f"interpolated: {len(xs)} places and {len(ys)} values; give as many of both")

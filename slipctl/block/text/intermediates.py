@@ -10,7 +10,7 @@ import gc
 import math
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import wraps
 from types import FrameType
@@ -18,6 +18,7 @@ from typing import Any, ParamSpec
 from weakref import WeakSet
 
 import casadi as ca
+import numpy as np
 
 from slipctl.errors import BadInput
 
@@ -265,3 +266,28 @@ def named_inside(f: ca.Function) -> ca.Function | None:
     That of one that is no scalar expression (MX) is to be read only: it gives the sine of each.
     """
     return f.cache().get(_INSIDE)
+
+
+def values_of_body(
+    where: str, body: Callable[..., Any], signals: Mapping[str, Mapping[str, Any]], given: Any
+) -> Any:  # fmt: skip
+    """What a body gives of states, inputs and parameters by name.
+
+    Args:
+        where: what is called. signals: of the block, by role and name.
+        given: states, inputs and parameters.
+
+    Raises:
+        BadInput: which of these lacks, or is no expression.
+    """
+    try:
+        return body(*given)
+    except (TypeError, NotImplementedError):
+        for role, values in zip(("state", "input", "param"), given, strict=True):
+            if not isinstance(values, Mapping):
+                raise BadInput(f"{where}: give each {role} by name") from None
+            for name in signals[role]:
+                value = values.get(name)
+                if not isinstance(value, (int, float, np.ndarray, ca.SX, ca.MX, ca.DM)):
+                    raise BadInput(f"{where}: the {role} {name!r} is no expression") from None
+        raise

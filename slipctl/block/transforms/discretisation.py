@@ -41,7 +41,8 @@ def sampled(
             ``"sdirk2"`` (order 2) are L-stable, for stiff wheels.
         substeps: number of equal steps inside one tick.
         newton: Newton iterations of an implicit stage, on the exact Jacobian.
-        check: refuse a step too long for the fastest mode at the start and on each rail condition.
+        check: refuse a step too long for the fastest mode, at the start and with wheels that stand,
+            without inputs and with the largest torques, on each rail condition.
 
     Returns:
         A step block with the same signals and period h.
@@ -155,8 +156,9 @@ def _stage(block: Block, x: Any, u: Any, p: Any, gh: float, newton: int) -> Any:
 def check_step(block: Block, dt: float, method: str, substeps: int = 1) -> None:
     """Refuse an explicit step longer than the fastest mode allows.
 
-    The Jacobian of the flow is taken at the start values with zero inputs (the nearest number in
-    their range), once per rail condition of the block.
+    The Jacobian of the flow is taken at the start values, and there with wheels that stand. The
+    inputs are zero (the nearest number in their range) and then as large as they act, see
+    :func:`_points`. It is taken once per rail condition of the block.
 
     Raises:
         BadInput: with the mode, the longest step and what to use instead.
@@ -167,34 +169,75 @@ def check_step(block: Block, dt: float, method: str, substeps: int = 1) -> None:
         x = block.pack("state", block.start())
     except BadInput:
         return  # start values that come later are checked when the loop is simulated
-    f = block.f
-    jac = block.of_equations(
-        "slopes", lambda: f.factory(f"{f.name()}_jac", ["x", "u", "p"], ["jac:n:x"])
-    )
-    u = block.pack(
-        "input",
-        {n: np.full(s.shape, s.value if s.value is not None else min(max(0.0, s.lo), s.hi))
-         for n, s in block.inputs.items()},
-    )  # fmt: skip
-    longest, mode, rail = math.inf, 0.0, ""
+    longest, mode, where = math.inf, 0.0, ""
     for condition, values in (block.conditions or {"": {}}).items():
         known = {k: v for k, v in values.items() if k in block.params}
         p = block.pack("param", block.param_values(**known))
-        slopes = np.array(ca.DM(jac(x, u, p)).full())
-        if not np.isfinite(slopes).all():
-            continue  # a root at zero, say: there is no time constant to check
-        for eigenvalue in np.linalg.eigvals(slopes):
-            allowed = largest_step(complex(eigenvalue), method)
-            if allowed < longest:
-                longest, mode = allowed, abs(eigenvalue)
-                rail = f" on {condition}" if condition else ""
+        for place, slopes in _points(block, np.asarray(x, dtype=float).ravel(), p):
+            for eigenvalue in np.linalg.eigvals(slopes):
+                allowed = largest_step(complex(eigenvalue), method)
+                if allowed < longest * (1 - 1e-9):
+                    longest, mode = allowed, abs(eigenvalue)
+                    where = (f" on {condition}" if condition else "") + place
     if dt > longest:
         needed = math.ceil(round(substeps * dt / longest, 9))
         raise BadInput(
             f"{block.name}: a step of {dt * 1e3:g} ms is too long for {method}: the fastest"
-            f" time constant{rail} is {1e3 / mode:.3g} ms, which allows {longest * 1e3:.3g} ms;"
+            f" time constant{where} is {1e3 / mode:.3g} ms, which allows {longest * 1e3:.3g} ms;"
             f" use substeps={needed}, or method='implicit_euler' or 'sdirk2'"
         )
+
+
+EFFORTS = ("N m", "N", "Pa")
+"""Units of inputs that may be large."""
+
+LARGE = 1e9, 1e12
+"""Sizes of an input without a range: where both act alike, the block limits it itself."""
+
+
+def _points(block: Block, start: np.ndarray, p: Any) -> Iterator[tuple[str, np.ndarray]]:
+    """Where a step is checked: words for it, and the Jacobian there, where that is finite.
+
+    A torque or a force among the inputs is as large as its range allows. One without a range is as
+    large as the block lets it act, and left out where it has no limit. A state that follows it is
+    where it then settles.
+    """
+    f = block.f
+    jac = block.of_equations(
+        "slopes", lambda: f.factory(f"{f.name()}_jac", ["x", "u", "p"], ["jac:n:x"])
+    )
+
+    def at(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        return np.array(ca.DM(jac(x, u, p)).full())
+
+    def inputs(size: float, sign: int) -> np.ndarray:
+        found = []
+        for s in block.inputs.values():
+            far = min(max(sign * size, s.lo), s.hi)
+            near = s.value if s.value is not None else min(max(0.0, s.lo), s.hi)
+            acts = size > 0 and s.unit in EFFORTS and not s.noise
+            found.append(np.broadcast_to(far if acts else near, s.shape or (1,)))
+        return np.concatenate([np.ravel(v) for v in found]) if found else np.zeros(0)
+
+    def settled(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """State after one Newton step of those states that follow an input by themselves."""
+        moves = np.ravel(np.array(f(x, u, p)[0])) - np.ravel(np.array(f(x, inputs(0, 1), p)[0]))
+        own = np.diag(at(x, u))
+        follows = (moves != 0) & (own < 0) & np.isfinite(moves)
+        rate = np.ravel(np.array(f(x, u, p)[0]))
+        return np.where(follows, x - rate / np.where(own < 0, own, 1), x)
+
+    turns = np.concatenate([np.full(s.size, s.unit == "rad/s") for s in block.states.values()])
+    for place, x in (("", start), (" of wheels that stand", np.where(turns, 0.0, start))):
+        slopes = at(x, inputs(0, 1))
+        if np.isfinite(slopes).all():
+            yield place, slopes
+        for sign in (1, -1):
+            u, more = inputs(LARGE[0], sign), inputs(LARGE[1], sign)
+            first, second = settled(x, u), settled(x, more)
+            slopes, other = at(first, u), at(second, more)
+            if np.isfinite(slopes).all() and np.allclose(slopes, other, rtol=1e-6, atol=1e-9):
+                yield f"{place} with the largest inputs", slopes
 
 
 def _with_zero(bounds: tuple[Bound, ...]) -> tuple[Bound, ...]:

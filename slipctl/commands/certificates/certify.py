@@ -138,10 +138,13 @@ def answers(
         loop, _ = asked.at(gains.loop).chosen
         check_guards(loop)
         numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
-        report = systems.report(catalogue.system(gains.system), numbers)
+        system = catalogue.system_of_gains(gains, loop)
+        report = systems.report(system, numbers)
         own = report.criteria.get(gains.condition)
         costs = dict(gains.costs(loop)) if gains.costs else {}
-        found.append(Answer(gains, report, own.holds if own else None, needs(report), costs))
+        reasons = getattr(system.loop, "why", None)
+        wants = f"no proof: {reasons[0]}" if reasons else needs(report)
+        found.append(Answer(gains, report, own.holds if own else None, wants, costs))
     return found
 
 
@@ -151,10 +154,10 @@ def needs(report: Report) -> str:
     Those are the criteria whose failure refutes the promise; where none fails, the ones that would
     have proved it.
     """
-    criteria = catalogue.SYSTEMS[report.system].criteria
+    criteria = {**catalogue.SYSTEMS, **catalogue.OF_LOOPS}[report.system].criteria
     failing = {k: f for k, f in report.criteria.items() if f.holds is False}
-    hard = {k: f for k, f in failing.items() if criteria[k].refutes}
-    soft = {k: f for k, f in failing.items() if criteria[k].proves}
+    hard = {k: f for k, f in failing.items() if k in criteria and criteria[k].refutes}
+    soft = {k: f for k, f in failing.items() if k in criteria and criteria[k].proves}
     if report.verdict != systems.CERTIFIED:
         missing = []
         for name, f in (hard or soft).items():
@@ -199,7 +202,7 @@ def certify_study(
         study = resolve.load_study(name)
     if out is not None:
         gains, loop = certify_loop.one(name, settings)
-        system = catalogue.system(gains.system)
+        system = catalogue.system_of_gains(gains, loop)
         numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
         write(system, systems.exact_numbers(system, numbers), out)
         of = [gains]

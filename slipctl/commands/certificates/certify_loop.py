@@ -218,7 +218,11 @@ def _asked(options: argparse.Namespace) -> tuple[System, Mapping[str, Any], str]
     if is_loop(name):
         gains, loop = one(name, options.settings)
         numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
-        return catalogue.system(gains.system), numbers, f"{name.rpartition(':')[0]}:{gains.name}"
+        return (
+            catalogue.system_of_gains(gains, loop),
+            numbers,
+            f"{name.rpartition(':')[0]}:{gains.name}",
+        )
     if name not in catalogue.SYSTEMS:
         known_ = (*catalogue.SYSTEMS, *resolve.studies())
         raise BadInput(

@@ -14,6 +14,8 @@ t n = m with n = w + q t - l, Newton's linear equations, those of one recursion:
     l+ = (s l + m + l (r+ - t0))/(s + d l),  s+ = t+ - r+                   (firm: t0 = d = 0)
 
 so that a row adds R' W R and R' (W (e - t0) + (s l + m)/(s + d l)), W = l/(s + d l), to the cost.
+In place of r+ a row has r+ - ease (l+ - l), a step of the method of multipliers: else the W of a
+row with next to no slack turns a rounding of r into a multiplier that is wrong by a hundred.
 Two solutions a step, after Mehrotra (1992): one for m = 0, whose success chooses m, one with its
 product of steps taken off. Of a short step a part is taken off. Then m falls, and nothing cycles.
 At the end the statuses are read off and the active set makes its passes from them, which gives the
@@ -48,6 +50,9 @@ ENOUGH = 1e-13
 
 ROUNDED = 1e-8
 """The same for controls without bounds, which may be so large that no step leads nearer."""
+
+STILL = 1e-11
+"""The same, below which a step that brings little ends it."""
 
 NEARLY = 0.5
 """Mark of a state that is near enough, from which steps may still lead nearer."""
@@ -102,8 +107,12 @@ class Interior:
         return ca.vertcat(*e, ca.fmax(t.c, -FAR)), ca.vertcat(*R, wide)
 
     def _eliminated(self, kinds: list[str], w: Any, a: Any, target: Any) -> tuple[Any, ...]:
-        """(d, t0, W, f) of each row at a = (l, s, t, n, corrections); f = (s l + m)/(s + d l)."""
+        """(d, t0, W, f) of each row at a = (l, s, t, n, corrections); f = (s l + m)/(s + d l).
+
+        The target is m and the part of a multiplier's change by which its row is eased.
+        """
         l, s, t, n, c1, c2 = a
+        m, ease = target[0], target[1]
         d, t0, at = ca.SX.zeros(len(kinds)), ca.SX.zeros(len(kinds)), 0
         for i, kind in enumerate(kinds):
             if kind == SOFT:
@@ -112,13 +121,10 @@ class Interior:
                 q = self.h.square[at]
                 over = q * t[at] + n[at]
                 d[i] = t[at] / over
-                t0[i] = (t[at] * n[at] + target - c2[at] - t[at] * w[at]) / over
+                t0[i] = (t[at] * n[at] + m - c2[at] - t[at] * w[at]) / over
                 at += 1
-        if self.bounded:
-            below = s + d * l
-            return d, t0, l / below, (s * l + target - c1) / below
-        below = s + (d + EASE) * l  # r - EASE (l+ - l) in place of r+
-        return d, t0, l / below, (s * l + target - c1 + EASE * l**2) / below
+        below = s + (d + ease) * l  # r - ease (l+ - l) in place of r+
+        return d, t0, l / below, (s * l + m - c1 + ease * l**2) / below
 
     def _symbols(self, m: int) -> tuple[Any, tuple[Any, ...]]:
         """Symbol of the packed (l, s, t, n, corrections), and its pieces."""
@@ -132,10 +138,11 @@ class Interior:
         d, t0, W, f = self._eliminated(kinds, w, a, target)
         l, (l0, s0, t0_, n0, c1, c2) = W * (r - t0) + f, a
         # s = t - r and n = w + q t - l, by the products: differences would lose the last digits
-        s = (s0 * l0 + target - c1 - s0 * l) / l0
+        s = (s0 * l0 + target[0] - c1 - s0 * l) / l0
         rows = [i for i, kind in enumerate(kinds) if kind == CAPPED]
-        t = (t0 + d * l)[rows]
-        n = (t0_ * n0 + target - c2 - n0 * t) / t0_
+        # the sum of two that are huge where n is small, which r + s is not; where t is small it is
+        t = ca.if_else(t0_ > s0[rows], (r + s)[rows], (t0 + d * l)[rows])
+        n = (t0_ * n0 + target[0] - c2 - n0 * t) / t0_
         return ca.densify(ca.vertcat(l, s, t, n))
 
     @remember_locals
@@ -143,7 +150,7 @@ class Interior:
         """Function (P, p, column, tied, u, earlier, bounds, a, target) -> (P, p, gains)."""
         of, nu, nz = self.of, self.h.nu, self.of.nz
         column, _, u, earlier, bounds = of._symbols()
-        tied, target = ca.SX.sym("tied"), ca.SX.sym("target")
+        tied, target = ca.SX.sym("tied"), ca.SX.sym("target", 2)
         triangle, p = ca.SX.sym("P", of.upper.nnz()), ca.SX.sym("p", nz)
         a, pieces = self._symbols(self.m)
         t = of._unpack(column)
@@ -186,7 +193,7 @@ class Interior:
         """Function (z, gains, column, u, earlier, bounds, a, target) -> (z, x, dv, rows' next)."""
         of, nu, nx, nz = self.of, self.h.nu, self.h.nx, self.of.nz
         column, _, u, earlier, bounds = of._symbols()
-        z, G, target = ca.SX.sym("z", nz), ca.SX.sym("gains", self._gains), ca.SX.sym("target")
+        z, G, target = ca.SX.sym("z", nz), ca.SX.sym("gains", self._gains), ca.SX.sym("target", 2)
         a, pieces = self._symbols(self.m)
         t = of._unpack(column)
         dv = ca.reshape(G[: nu * nz], nu, nz) @ z + G[nu * nz :]
@@ -208,7 +215,7 @@ class Interior:
     def _make_start(self) -> Any:
         """Function (column, a, target) -> (P, p) of the last stage."""
         of, nx = self.of, self.h.nx
-        e, target = ca.SX.sym("column", of.end.size), ca.SX.sym("target")
+        e, target = ca.SX.sym("column", of.end.size), ca.SX.sym("target", 2)
         a, pieces = self._symbols(self.h.nc)
         H, g, c, C, w = of.end.unpack(e)
         c = ca.fmax(c, -FAR)
@@ -224,7 +231,7 @@ class Interior:
     def _make_end(self) -> Any:
         """Function (x, column, a, target) -> rows' next of the last stage."""
         of, nx = self.of, self.h.nx
-        e, x, target = ca.SX.sym("column", of.end.size), ca.SX.sym("x", nx), ca.SX.sym("target")
+        e, x, target = ca.SX.sym("column", of.end.size), ca.SX.sym("x", nx), ca.SX.sym("target", 2)
         a, pieces = self._symbols(self.h.nc)
         _, _, c, C, w = of.end.unpack(e)
         c = ca.fmax(c, -FAR)
@@ -265,7 +272,7 @@ class Interior:
         D, E, U, before, bounds, dx = data = of.data()
         sizes = [*self._lengths, self._lengths[0], self._lengths[2]]
         pieces = [ca.MX.sym(f"a{i}", n) for i, n in enumerate(sizes)]
-        target = ca.MX.sym("target")
+        target = ca.MX.sym("target", 2)
         a, last = self._by_stage(pieces)
         u: Any = ca.reshape(U, nu, N)
         earlier = of.earlier(before, u)
@@ -298,7 +305,9 @@ class Interior:
         now, (mean, was, before, steps) = rest[:4], rest[4:]
         solve = self._solution()
         zero = [ca.MX.zeros(self._lengths[0]), ca.MX.zeros(self._lengths[2])]
-        whole = solve(*now, *zero, 0, *data)[2:]
+        # as a share of the multipliers: a row must weigh more than the cost, of whatever size
+        ease = EASE / (1 + ca.mmax(now[0])) if self.bounded else EASE_OF_UNKNOWNS
+        whole = solve(*now, *zero, ca.vertcat(0, ease), *data)[2:]
         ahead = [b - a for a, b in zip(now, whole, strict=True)]
         reach = reach_of(now, ahead, 1.0)
         tried = mean_of([v + reach * d for v, d in zip(now, ahead, strict=True)])
@@ -306,7 +315,7 @@ class Interior:
         target = mean * ratio**3
         share = ca.fmin(1, reach / SHORT)
         turn = [share * ahead[0] * ahead[1], share * ahead[2] * ahead[3]]
-        found = solve(*now, *turn, target, *data)
+        found = solve(*now, *turn, ca.vertcat(target, ease), *data)
         ahead = [b - a for a, b in zip(now, found[2:], strict=True)]
         part = reach_of(now, ahead, 0.995)
         nxt = [v + part * d for v, d in zip(now, ahead, strict=True)]
@@ -324,9 +333,12 @@ class Interior:
         scale = 1 + largest
         residual, short = left / scale, (1 - part) * moved
         # no more digits come, as in float
-        still = ca.logic_and(ca.logic_and(residual < SMALL, left > mean / 2), moved < 10 * SMALL)
+        little = ca.logic_and(left > mean / 2, moved < 10 * SMALL)
+        still = ca.logic_and(residual < (STILL if self.bounded else SMALL), little)
         solved = ca.logic_or(residual < END, still)
         near = short < SMALL
+        if self.bounded:  # a row that is still eased is not kept
+            near = ca.logic_and(near, ease * ca.mmax(ca.fabs(ahead[0])) < EASED)
         enough = ca.logic_and(residual < ENOUGH, near)
         solved = ca.logic_and(solved, near)
         open_ = ca.if_else(solved, 0, ca.if_else(enough, NEARLY, 1))
@@ -489,9 +501,16 @@ class Interior:
         return ca.Function.if_else("qp_rescue", self._rescue(), stay)
 
 
-EASE = 1e-8
-"""Part of the change of a multiplier by which its row is eased for one step, where controls have no
-bounds: noises of several unknowns move a row together, and the largest W must leave them apart."""
+EASE = 1e-7
+"""Part of the change of a multiplier, over the largest, by which its row is eased for one step."""
+
+EASED = 1e-8
+"""Excess of a row that is still eased, where it is solved: rows of a million are rounded by a tenth
+of a billionth."""
+
+EASE_OF_UNKNOWNS = 1e-8
+"""The same where controls have no bounds: noises of several unknowns move a row together, and the
+largest W must leave them apart."""
 
 NEAR = 0.1
 """Smallest slack to begin with."""

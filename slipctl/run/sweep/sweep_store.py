@@ -6,10 +6,12 @@ the same sweep again does only what is missing.
 
 from __future__ import annotations
 
+import errno
 import json
 import sqlite3
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -58,6 +60,25 @@ class Ended:
     logs: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
+@contextmanager
+def _used(path: Path) -> Iterator[None]:
+    """Tell a full disk by the file's name, and what is damaged in one line.
+
+    Raises:
+        OSError: it cannot be written. BadInput: what it holds is not what was written.
+    """
+    try:
+        yield
+    except BadInput:
+        raise
+    except sqlite3.OperationalError as error:
+        if any(word in str(error) for word in ("full", "readonly", "disk I/O", "unable to open")):
+            raise OSError(errno.ENOSPC, str(error), str(path)) from None
+        raise BadInput(_broken(path, error)) from None
+    except (sqlite3.Error, zlib.error, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise BadInput(_broken(path, error)) from None
+
+
 class Store:
     """An open store; see :func:`begin` and :func:`find`."""
 
@@ -70,41 +91,47 @@ class Store:
 
     def about(self) -> dict[str, Any]:
         """What the sweep is."""
-        return {k: json.loads(v) for k, v in self._db.execute("select key, value from about")}
+        with _used(self.path):
+            return {k: json.loads(v) for k, v in self._db.execute("select key, value from about")}
 
     def done(self) -> set[int]:
         """Numbers of the runs that ended."""
-        return {int(k) for (k,) in self._db.execute("select run from runs")}
+        with _used(self.path):
+            return {int(k) for (k,) in self._db.execute("select run from runs")}
 
     def units(self) -> dict[str, tuple[str, tuple[str, ...]]]:
         """Unit and row names of each metric."""
-        rows = self._db.execute("select name, unit, rows from metrics order by rowid")
-        return {n: (u, tuple(json.loads(r))) for n, u, r in rows}
+        with _used(self.path):
+            rows = self._db.execute("select name, unit, rows from metrics order by rowid")
+            return {n: (u, tuple(json.loads(r))) for n, u, r in rows}
 
     def runs(self) -> Iterator[tuple[int, dict[str, float], dict[str, Any], str]]:
         """Number, numbers, metrics and failure of each run that ended, in order."""
-        rows = self._db.execute("select run, numbers, metrics, failed from runs order by run")
-        for run, numbers, metrics, failed in rows:
-            yield int(run), json.loads(numbers), json.loads(metrics), failed or ""
+        with _used(self.path):
+            rows = self._db.execute("select run, numbers, metrics, failed from runs order by run")
+            for run, numbers, metrics, failed in rows:
+                yield int(run), json.loads(numbers), json.loads(metrics), failed or ""
 
     def log(self, run: int) -> dict[str, np.ndarray]:
         """Signals over time that were kept of a run."""
-        rows = self._db.execute(
-            "select name, shape, data from logs where run = ? order by rowid", (run,)
-        )
-        return {
-            name: np.frombuffer(zlib.decompress(data), dtype="<f8").reshape(json.loads(shape))
-            for name, shape, data in rows
-        }
+        with _used(self.path):
+            rows = self._db.execute(
+                "select name, shape, data from logs where run = ? order by rowid", (run,)
+            )
+            return {
+                name: np.frombuffer(zlib.decompress(data), dtype="<f8").reshape(json.loads(shape))
+                for name, shape, data in rows
+            }
 
     def longest(self) -> int:
         """Ticks of the longest log."""
-        shapes = self._db.execute("select distinct shape from logs")
-        return max((int(json.loads(s)[0]) for (s,) in shapes), default=0)
+        with _used(self.path):
+            shapes = self._db.execute("select distinct shape from logs")
+            return max((int(json.loads(s)[0]) for (s,) in shapes), default=0)
 
     def tell(self, about: Mapping[str, Any]) -> None:
         """Keep what the sweep is."""
-        with self._db:
+        with _used(self.path), self._db:
             self._db.executemany(
                 "insert or replace into about values (?, ?)",
                 [(k, json.dumps(store.plain(v))) for k, v in about.items()],
@@ -119,7 +146,7 @@ class Store:
 
     def add(self, ended: Iterable[Ended]) -> None:
         """Keep runs that ended, all or none; a person who stops waits for it."""
-        with interrupts.hold_interrupts(), self._db:
+        with interrupts.hold_interrupts(), _used(self.path), self._db:
             for e in ended:
                 values = {n: store.plain(m.value) for n, m in e.metrics.items()}
                 self._db.executemany(
@@ -159,10 +186,13 @@ def begin(
     folder.mkdir(parents=True, exist_ok=True)
     found = _opened(folder / file)
     try:
-        found._db.executescript(_TABLES)
-        found._db.execute("pragma journal_mode=wal")
-        found._db.execute("pragma synchronous=normal")  # a killed process loses nothing
+        with _used(found.path):
+            found._db.executescript(_TABLES)
+            found._db.execute("pragma journal_mode=wal")
+            found._db.execute("pragma synchronous=normal")  # a killed process loses nothing
         before = found.about()
+        if not before and found.done():
+            raise BadInput(_broken(found.path, "it has runs, and does not say of which sweep"))
         if before:
             store.check_format(str(found.path), before.get("format"))
             now = {k: store.plain(v) for k, v in about.items()}
@@ -173,10 +203,7 @@ def begin(
             _same(folder, before, now, what)
         most = max(int(about["samples"]), int(before.get("samples", 0)))
         found.tell({"format": store.FORMAT, **about, "samples": most})
-    except sqlite3.DatabaseError as error:
-        found.close()
-        raise BadInput(_broken(found.path, error)) from None
-    except BadInput:
+    except (BadInput, OSError):
         found.close()
         raise
     return found
@@ -194,9 +221,9 @@ def find(folder: Path) -> Store:
     found = _opened(path)
     try:
         about = found.about()
-    except sqlite3.DatabaseError as error:
+    except (BadInput, OSError):
         found.close()
-        raise BadInput(_broken(path, error)) from None
+        raise
     store.check_format(str(path), about.get("format"))
     return found
 
@@ -208,7 +235,7 @@ def _opened(path: Path) -> Store:
         raise BadInput(_broken(path, error)) from None
 
 
-def _broken(path: Path, error: Exception) -> str:
+def _broken(path: Path, error: object) -> str:
     return f"{path} cannot be used as the store of a sweep: {error}; choose another --out"
 
 

@@ -1,4 +1,4 @@
-"""What gives reason to doubt a run: estimates that stay off, limits that stay active, wires."""
+"""What gives reason to doubt a run: ranges, energy, estimates that stay off, limits, wires."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from slipctl.block.block import Block
 from slipctl.block.signals import Signal, evaluate, names_in
 from slipctl.run.rail import Scenario
 from slipctl.run.scenario_inputs import rail_values
+from slipctl.run.warnings.wheels import longest_span, watched_wheels
 
 AWAY = 3.0
 """Deviations within which an honest estimate is: beyond one it is a third of the time."""
@@ -22,6 +23,12 @@ LONG = 1.0
 MOST = 0.5
 """Share of a run above which a limit is active for most of it."""
 
+ROUNDED = 1e-9
+"""Share of a range by which a state may be beyond it."""
+
+GIVEN = 1e-3
+"""Share of what a power moves that it may give back: it is of the mean of a tick."""
+
 Values = Mapping[Any, Any]
 
 
@@ -31,23 +38,28 @@ def doubt_signals(loop: Block) -> set[str]:
     for n, s, names in _judged(loop):
         found |= {n, *names.values(), *(loop._sibling(n, k) for k in names_in(s.deviation))}
         found.add(loop._sibling(n, "P"))
-    if found:  # for where the axles are
-        found |= {n for n in loop.states if n.rpartition(".")[2] == "x"}
+    found |= {n for n in loop.states if n.rpartition(".")[2] == "x"}  # for where the axles are
+    found |= {n for n, _ in _ranged(loop)} | {n for n, _ in _taking(loop)}
     known = {**loop.states, **loop.outputs}
-    return {n for n in found if n in known}
+    return {n for n in found if n in known} | watched_wheels(loop)
 
 
 def warnings_of_log(loop: Block, scenario: Scenario, log: Values) -> list[str]:
     """What the log of a whole run gives reason to doubt, one line each.
 
     An estimate is doubted that is off by more than three of its own deviations for longer than a
-    second. So is a limit that is active for more than half of the run.
+    second. So is a limit that is active for more than half of the run, a state that leaves the
+    range that it declares, a step whose residual does, and a power that takes (its range begins at
+    0) where it gives energy.
 
     Args:
         loop, scenario: the run.
         log: ``time`` and the signals of :func:`doubt_signals`, by name, a row per tick.
     """
-    return [*(e.numbers for e in estimates_off(loop, scenario, log)), *_limited(loop, log)]
+    return [
+        *_unreached(loop, scenario, log), *_off_range(loop, log), *_giving(loop, log),
+        *(e.numbers for e in estimates_off(loop, scenario, log)), *_limited(loop, log),
+    ]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -87,8 +99,23 @@ def meant_signal(loop: Block, name: str, own: set[str]) -> str | None:
     for signals in (loop.states, loop.params, loop.outputs):
         hits = [n for n in signals if n.endswith("." + name) and n.rpartition(".")[0] not in own]
         if hits:
-            return hits[0] if len(hits) == 1 else None
+            return hits[0] if len(hits) == 1 and not _of_another_law(loop, hits[0], own) else None
     return None
+
+
+def _of_another_law(loop: Block, name: str, own: set[str]) -> bool:
+    """Whether a number is of a law of adhesion with a parameter that no estimator knows of.
+
+    A parameter of one law is no truth for that of another one, though both are called ``c``.
+    """
+    home = name.rpartition(".")[0]
+    laws = {path: law for path, law in loop.leaves() if law.conditions and "mu" in law.outputs}
+    if home not in laws:
+        return False
+    known = {t for o in own for n, s in loop.states.items() if n.rpartition(".")[0] == o
+             for text in s.truth for t in names_in(text)}  # fmt: skip
+    known |= {n.rpartition(".")[2] for n in loop.params if n.rpartition(".")[0] in own}
+    return any(n not in known for n, s in laws[home].params.items() if not s.derived)
 
 
 def _judged(loop: Block) -> Iterator[tuple[str, Signal, dict[str, str]]]:
@@ -140,7 +167,7 @@ def _span(
         one, sure = one[:, k], sure[:, k]
     one, truth, sure = np.broadcast_arrays(*map(_columns, (one, truth, sure)))
     beyond = (np.abs(one - truth) > AWAY * sure) & (sure > 0)
-    spans = [_longest(column) for column in beyond.T]
+    spans = [longest_span(column) for column in beyond.T]
     axle = int(np.argmax([b - a for a, b in spans]))
     a, b = spans[axle]
     what = n if len(s.truth) == 1 and text.isidentifier() else f"{n} for {text}"
@@ -171,16 +198,6 @@ def _estimated(loop: Block, s: Signal, text: str, name: str) -> str:
 def _columns(values: np.ndarray) -> np.ndarray:
     """Rows of a run, a column per axle."""
     return values if values.ndim > 1 else values.reshape(-1, 1)
-
-
-def _longest(true: np.ndarray) -> tuple[int, int]:
-    """First row, and the one after the last, of the longest stretch that is true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(int)))
-    begins, ends = edges[::2], edges[1::2]
-    if not begins.size:
-        return 0, 0
-    k = int(np.argmax(ends - begins))
-    return int(begins[k]), int(ends[k])
 
 
 def _deviations(
@@ -266,6 +283,85 @@ def _limited(loop: Block, log: Values) -> Iterator[str]:
             where = f" of axle {axle + 1}" if len(share) > 1 else ""
             size = f"{float(np.max(params[limit])):.4g} {loop.params[limit].unit}"
             yield f"{n}{where} is at its limit, {size}, for {100 * share[axle]:.0f} % of the run"
+
+
+# ---- what a run does not come to -----------------------------------------------------------------
+
+
+def _unreached(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
+    """Sections of the rail that begin beyond the run, and an end that it has not come to."""
+    time = np.asarray(log["time"])
+    rail, end = scenario.rail, scenario.end
+    if not time.size:
+        return
+    if rail is not None and rail.by != "time":
+        name = loop.find("x" if rail.by == "position" else rail.by, "state")
+        far = float(np.max(log[name])) if name in log else np.inf
+        late = [s for s in rail.starts if s > far]
+        if late:
+            yield (
+                f"{len(late)} of {len(rail.starts)} sections of the rail begin at {late[0]:g} m or"
+                f" beyond; the run ends at {far:.4g} m"
+            )
+    if end is None or end.signal not in log or end.above is None:
+        return
+    if not end.there(np.asarray(log[end.signal]).reshape(len(time), -1)).any():
+        yield (
+            f"{end.signal} does not come to {end.above:g}, where the run was to end; it ends after"
+            f" {scenario.duration:g} s"
+        )
+
+
+# ---- ranges and energy ---------------------------------------------------------------------------
+
+
+def _ranged(loop: Block) -> Iterator[tuple[str, Signal]]:
+    """States and residuals with a range of their own, which follows no parameter."""
+    residuals = {n: s for n, s in loop.outputs.items() if n.rpartition(".")[2] == "residual"}
+    for n, s in {**loop.states, **residuals}.items():
+        if np.isfinite([s.lo, s.hi]).any() and not any(b.what in ("lo", "hi") for b in s.bounds):
+            yield n, s
+
+
+def _off_range(loop: Block, log: Values) -> Iterator[str]:
+    for n, s in _ranged(loop):
+        if n not in log:
+            continue
+        values = np.asarray(log[n], dtype=float).reshape(len(log["time"]), -1)
+        near = ROUNDED * max(abs(e) for e in (s.lo, s.hi) if np.isfinite(e))
+        off = ((values < s.lo - near) | (values > s.hi + near)).any(axis=1)
+        if off.any():
+            k = int(np.argmax(off))
+            far = values[np.unravel_index(np.argmax(np.maximum(s.lo - values, values - s.hi)),
+                                          values.shape)]  # fmt: skip
+            unit = "" if s.unit == "1" else f" {s.unit}"
+            yield (
+                f"{n} leaves its range, {s.lo:g} .. {s.hi:g}{unit}, at {log['time'][k]:.4g} s, and"
+                f" is {far:.4g}{unit} at most: what it is a model of does not reach so far"
+            )
+
+
+def _taking(loop: Block) -> Iterator[tuple[str, Signal]]:
+    """Powers that take energy and give none: their range begins at 0."""
+    for n, s in loop.outputs.items():
+        if s.unit == "W" and s.lo == 0:
+            yield n, s
+
+
+def _giving(loop: Block, log: Values) -> Iterator[str]:
+    time = np.asarray(log["time"])
+    for n, _ in _taking(loop):
+        if n not in log or time.size < 2:
+            continue
+        power = np.asarray(log[n], dtype=float).reshape(len(time), -1)
+        energy = np.cumsum(power, axis=0) * (time[1] - time[0])
+        given = np.max(np.maximum.accumulate(energy, axis=0) - energy)
+        moved = np.sum(np.abs(power)) * (time[1] - time[0])
+        if given > GIVEN * moved + 1.0:
+            yield (
+                f"{n} takes power, and gives {given:.4g} J in this run: energy from nowhere; look"
+                " for a sign, or a law that pushes the way it should hold"
+            )
 
 
 # ---- before a run --------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ blocks know.
 from __future__ import annotations
 
 import math
+import re
 import types
 import typing
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,6 +27,10 @@ Fault = tuple[Keys, str]
 
 BY = {"time": "s", "speed": "m/s", "position": "m"}
 """Units of a number whose unit follows from what the part says that it is over."""
+
+
+class Each(float):
+    """A number that was told by another quantity: N/kg where N is wanted, to be multiplied."""
 
 
 def read(kind: type, content: Any) -> tuple[Any, list[Fault]]:
@@ -176,6 +181,10 @@ class _Reader:
             try:
                 given = parse_quantity(given, unit)
             except BadInput as error:
+                if meta.get("by") and (each := _by(given, unit, meta["by"])) is not None:
+                    if not (math.isfinite(each) and each >= meta.get("lo", -math.inf)):
+                        return self.fault(keys, f"is {_shown(given)}, which is out of range")
+                    return Each(each)
                 return self.fault(keys, str(error))
             except (ValueError, OverflowError, RecursionError):
                 return self.fault(keys, f"is no number in {unit}")
@@ -192,6 +201,18 @@ class _Reader:
             told = "" if unit == "1" else f" {unit}"
             return self.fault(keys, f"{value:g}{told} is outside {lo:g} .. {hi:g}{told}")
         return int(value) if whole else value
+
+
+def _by(text: str, unit: str, by: str) -> float | None:
+    """Number of a text by another quantity, in ``unit/by``; None where it is none.
+
+    ``ton`` is the American one of 2000 lb, as Davis and AREMA write lbf/ton.
+    """
+    short, found = re.subn(r"/\s*ton\b", "/lb", text)
+    try:
+        return parse_quantity(short, f"{unit}/{by}") / 2000**found
+    except (BadInput, ValueError, OverflowError, RecursionError):
+        return None
 
 
 def _shown(value: Any) -> str:

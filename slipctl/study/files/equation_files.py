@@ -23,6 +23,7 @@ LARGEST = 100_000
 
 TABLES = ("inputs", "parameters", "states", "outputs", "tables", "conditions")
 TEXTS = ("equations", "doc", "period", "units")
+REACH = ("measured_to", "meant_to")
 
 READ: set[Path] = set()
 """Files that were read: what a run kept depends on them."""
@@ -90,17 +91,21 @@ def block(content: Mapping[str, Any], name: str, where: Any = None) -> Block:
     Raises:
         Faults: all that is wrong.
     """
+    from slipctl.block.reach import with_reach
     from slipctl.block.text.equations import from_text
 
     place = where or partial(_dotted, name)
     faults: list[str] = []
     equations: dict[str, str] = {}
     given: dict[str, Any] = {}
+    reach: dict[str, Any] = {}
     for key, value in content.items():
         if key in TABLES:
             given[key] = value
             if not isinstance(value, Mapping):
                 faults.append(f"{place((key,))}: write a table, [{name}.{key}]")
+        elif key in REACH:
+            reach[key] = value
         elif key in TEXTS:
             given[key] = value
             if not isinstance(value, str):
@@ -108,13 +113,14 @@ def block(content: Mapping[str, Any], name: str, where: Any = None) -> Block:
         elif isinstance(value, str):
             equations[key] = value
         else:
-            close = nearest(key, (*TABLES, *TEXTS))
+            close = nearest(key, (*TABLES, *TEXTS, *REACH))
             faults.append(f"{place((key,))}: {key!r:.40} is no text of an equation{close}")
     if faults:
         raise Faults(faults)
     try:
         text = given.pop("equations", "")
-        return from_text(text, equations=equations, name=name, where=place, **given)
+        made = from_text(text, equations=equations, name=name, where=place, **given)
+        return with_reach(made, reach) if reach else made
     except Faults:
         raise
     except BadInput as error:

@@ -14,6 +14,7 @@ from slipctl.block.units.unit_algebra import display_scale
 from slipctl.run.metrics import Metric, Run
 from slipctl.run.results import Results
 from slipctl.run.warnings.doubts import EstimateOff
+from slipctl.run.warnings.wheels import FIRST
 from slipctl.run.waveform import rms
 from slipctl.study.case_setup import warnings_before_run
 from slipctl.study.report.texts import number, values_beyond_limit
@@ -153,8 +154,9 @@ def warnings_of_runs(results: Results) -> list[tuple[str, str]]:
             known = {n for r in remarks if (r.scenario, r.loop) == (scenario, name)
                      for n in r.numbers}  # fmt: skip
             for line in [
-                *warnings_before_run(loop, case.scenario),
                 *filter(None, late.split("\n")),
+                *results.study.without_effect,
+                *warnings_before_run(loop, case.scenario),
             ]:
                 if line not in known:
                     by_line.setdefault(line, {}).setdefault(scenario, []).append(name)
@@ -163,7 +165,7 @@ def warnings_of_runs(results: Results) -> list[tuple[str, str]]:
             by_line.setdefault(r.text, {}).setdefault(r.scenario, []).append(r.loop)
     return [
         (line, "; ".join(f"{s}: {', '.join(names)}" for s, names in runs.items()))
-        for line, runs in by_line.items()
+        for line, runs in sorted(by_line.items(), key=lambda item: not item[0].startswith(FIRST))
     ]
 
 

@@ -109,7 +109,7 @@ def adversaries() -> dict[str, Adversary]:
     here = Path(__file__).parent
     found = {}
     for path in sorted(here.glob("*.py")):
-        if path.stem not in ("__init__", "common", "hunt", "run"):
+        if path.stem not in ("__init__", "common", "hunt", "run", "user_ticks"):
             module = import_module(f"{__package__}.{path.stem}")
             for adversary in getattr(module, "ADVERSARIES", (getattr(module, "ADVERSARY", None),)):
                 if adversary is not None:

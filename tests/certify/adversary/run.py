@@ -20,14 +20,19 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # --jobs says how many cores
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.append(str(Path(__file__).parents[3]))
 
-from adversary import common
+from adversary import common, user_ticks
 
 BLOCK = 100
 """Cases of one trial."""
 
+OTHERS = {"user_ticks": user_ticks.trial}
+"""Trials that are of no system with numbers of its own."""
+
 
 def block(name: str, n: int, seed: int) -> common.Tally:
-    """One trial of a system."""
+    """One trial of a system, or of ticks that somebody wrote."""
+    if name in OTHERS:
+        return OTHERS[name](n, seed)
     return common.trial(common.adversaries()[name], n, seed, every=10)
 
 
@@ -54,7 +59,7 @@ def recorded(out: Path, name: str, entry: dict[str, Any]) -> None:
 
 def main() -> int:
     """Run what is asked for."""
-    known = list(common.adversaries())
+    known = [*common.adversaries(), *OTHERS]
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("systems", nargs="*", default=known, metavar="SYSTEM")
     parser.add_argument("--cases", type=int, default=10_000)

@@ -1,0 +1,80 @@
+"""Whether a law is one of adhesion: it opposes slip, is 0 at 0, and carries less than the load.
+
+A law that pushes a wheel the way it slips gives energy. One above 1 carries more than what presses
+the wheel on the rail; the step of ``slipctl.models.wheel_rail.axles`` brackets no root of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+
+import casadi as ca
+import numpy as np
+
+from slipctl import Block
+from slipctl.models.vehicle.plant import on_train
+
+BEYOND = 20.0
+"""How much faster than the vehicle a driven wheel is looked at, in m/s."""
+
+STEEP = 0.01
+"""Adhesion at a slip of 1e-6 m/s that is a step: of laws by Hertz and Kalker it is below 1e-4."""
+
+SHARE = 1e-9
+"""Of the largest adhesion, what is rounding."""
+
+
+def law_faults(
+    law: Block, conditions: Mapping[str, Mapping[str, float]], speed: float, driven: bool
+) -> Iterator[tuple[str, str]]:
+    """What no rail does, by the name of the condition: the first fault of each.
+
+    Args:
+        law: from ``v_s`` or ``lam`` to ``mu``, as the models have it.
+        conditions: parameters of the law by the name of a condition; those that are used.
+        speed: of the vehicle in m/s.
+        driven: whether wheels may turn faster than the vehicle runs.
+    """
+    train = on_train(law)
+    p = {n: ca.SX.sym(n.replace(".", "_"), *s.shape) for n, s in train.params.items()}
+    s, v = ca.SX.sym("s"), ca.SX.sym("v")
+    mu = train.expr({}, {"v_s": s, "v": v}, p)[1]["mu"]
+    curve = ca.Function("curve", [s, v, *p.values()], [mu])
+    for name, values in conditions.items():
+        known = train.param_values(**values)
+        numbers = [known[n] for n in train.params]
+        for at, side in product((max(speed, 1.0), 1.0), (1.0, -1.0)):
+            # a braked wheel slips by the speed at most; and a ratio above 1 is no law's
+            reach = at + BEYOND if driven and "lam" not in law.inputs else at
+            slips = np.concatenate([[0.0], np.geomspace(1e-6, reach, 600)])
+            rows = np.array(curve(side * slips[None, :], at, *numbers))
+            fault = _fault(slips, side * rows.ravel())
+            if fault:
+                yield name, fault
+                break
+
+
+def _fault(slips: np.ndarray, mu: np.ndarray) -> str:
+    """What is wrong with the adhesion at these slips, seen against the slip; empty if nothing."""
+    if not np.isfinite(mu).all():
+        at = int(np.flatnonzero(~np.isfinite(mu))[0])
+        return f"adhesion is no number at a slip of {slips[at]:.3g} m/s; write a law that is 0 at 0"
+    size = SHARE * max(float(abs(mu).max()), 1.0)
+    if abs(mu[0]) > size or abs(mu[1]) > STEEP:
+        found = mu[0] if abs(mu[0]) > size else mu[1]
+        return f"adhesion is {found:.3g} without slip; write a law that is 0 at 0"
+    if mu.min() < -size:
+        at = int(np.flatnonzero(mu < -size)[0])
+        return (
+            f"adhesion is {mu[at]:.3g} at a slip of {slips[at]:.3g} m/s: it pushes the wheel the"
+            " way it slips; write a law with the sign of the slip at all speeds of the trip"
+        )
+    if mu.max() > 1:
+        at = int(np.flatnonzero(mu > 1)[0])
+        percent = ", a coefficient in percent is written '30 %'" if mu.max() > 5 else ""
+        return (
+            f"adhesion is above 1 from a slip of {slips[at]:.3g} m/s on, {mu.max():.3g} at most:"
+            f" more than the load of the wheel{percent}; write a law below 1"
+        )
+    return ""

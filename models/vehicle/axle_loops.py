@@ -1,0 +1,182 @@
+"""What ``slipctl certify metro.toml:pid`` asks: controllers as they run, behind lag and dead time.
+
+A controller that cancels no adhesion, a PID, is asked about with its own block and a short axle
+(``axle_tick``). One certificate for each rail on which slip control rules: where the adhesion at
+the goal carries less than what the actuator gives and the demand asks for. Over the mass and the
+height of the curve that the ensemble draws; what it draws beside is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from slipctl import Block, Gains
+from slipctl.analysis.bounds import enclosure
+from slipctl.certify.axle_loop import axle_system
+from slipctl.certify.systems import System
+from slipctl.models.vehicle import gains as bounds
+from slipctl.models.vehicle.axle_tick import AxleTick, gain_of, loop_law, short_curve
+from slipctl.models.vehicle.control import slip_law, wheel
+from slipctl.models.vehicle.own_gains import why_not
+from slipctl.models.vehicle.parts import Constant, Controller, Lag, OwnLaw, SlipLaw, Trip
+from slipctl.models.vehicle.trip import rail_law
+
+NO_RAIL = (
+    "on every rail of the file the demand or the actuator gives less than the adhesion carries, so"
+    " slip control never rules at rest"
+)
+
+KINDS = ("pid",)
+"""Slip laws that are asked as they run."""
+
+
+def is_asked(trip: Trip, part: Controller) -> bool:
+    """Whether a controller is asked as it runs: a PID, or a law of one's own with states."""
+    if isinstance(part, OwnLaw):
+        block, _ = slip_law(trip, part, wheel(trip, part.reference))
+        return bool(block.states) and bool(why_not(trip, part))
+    return isinstance(part, SlipLaw) and part.kind in KINDS
+
+
+def gains(trip: Trip) -> tuple[Gains, ...]:
+    """Certificates of the controllers of a trip that are asked as they run."""
+    found: list[Gains] = []
+    for name, part in trip.controllers.items():
+        if isinstance(part, SlipLaw | OwnLaw) and is_asked(trip, part):
+            some = [_Asked(trip, part, rail) for rail in _rails(trip, part)]
+            for one in some:
+                own = name if len(some) == 1 else f"{name}_{one.rail}"
+                found.append(Gains(own, name, "axle_loop", one.numbers, one.words(), "",
+                                   trip.title, made=one.system))  # fmt: skip
+    return tuple(found)
+
+
+def reasons_without_certificate(trip: Trip, otherwise: Mapping[str, str]) -> dict[str, str]:
+    """Why a controller has no certificate, by its name; ``otherwise`` says it of the others."""
+    found = dict(otherwise)
+    for name, part in trip.controllers.items():
+        if isinstance(part, SlipLaw | OwnLaw) and is_asked(trip, part):
+            found.pop(name, None)
+            if not _rails(trip, part):
+                found[name] = NO_RAIL
+    return found
+
+
+def _rails(trip: Trip, part: SlipLaw | OwnLaw) -> list[str]:
+    """Conditions of the rail on which slip control rules at its goal."""
+    return [c for c in rail_law(trip).conditions if _Asked(trip, part, c).rules()]
+
+
+class _Asked:
+    """One certificate: a controller on one rail."""
+
+    def __init__(self, trip: Trip, part: SlipLaw | OwnLaw, rail: str) -> None:
+        self.trip, self.part, self.rail = trip, part, rail
+        self.law = rail_law(trip)
+        own = {k: float(p.value) for k, p in self.law.params.items() if not p.derived}
+        self.curve = own | {k: float(v) for k, v in self.law.conditions[rail].items()}
+        self.over, self.left = bounds.ranges(trip)
+        self.reference = part.reference or trip.reference
+        self.goal = bounds._goal(self.law, rail, self.curve, self.over.speed, self.reference)
+        vehicle = trip.vehicle
+        falls = bounds.falling.with_params(n=vehicle.axles, n_w=len(vehicle.worked))
+        self.falls = short_curve(falls, self.law)
+
+    def _given(self, m: float, J: float, r: float, g: float) -> dict[str, float]:
+        """Numbers of the curve and of the wheel."""
+        wheel_ = {"fall.m": m, "fall.J": J, "fall.r": r, "fall.g": g}
+        return {f"adh.{k}": v for k, v in self.curve.items()} | wheel_
+
+    def _at_goal(self, **numbers: float) -> float:
+        """What the slip falls by at the goal, in m/s^2."""
+        inputs = {"v_s": self.goal, "v": self.over.speed}
+        given = {k: v for k, v in inputs.items() if k in self.falls.inputs}
+        return float(self.falls(**given, **self._given(**numbers))["D"])
+
+    def _nominal(self) -> dict[str, float]:
+        w = wheel(self.trip, self.part.reference)
+        return {"m": self.trip.vehicle.total, "J": w.J, "r": w.r, "g": w.g}
+
+    def _heights(self, numbers: Mapping[str, float]) -> tuple[float, float]:
+        """Least and largest height of the curve over that of the numbers, by mass and peak."""
+        masses = self.over.numbers.get("m", (numbers["m"],) * 2)
+        peaks = self.over.scale.get("c", (1.0, 1.0))
+        now = self._at_goal(**numbers)
+        by_mass = [self._at_goal(**{**numbers, "m": m}) / now for m in masses]
+        return min(by_mass) * min(peaks), max(by_mass) * max(peaks)
+
+    def rules(self) -> bool:
+        """Whether the adhesion at the goal carries less than actuator and demand give."""
+        n = self._nominal()
+        torque = self._at_goal(**n) * self._heights(n)[1] * n["J"] / n["r"]
+        return torque < min(self.trip.actuator.torque, self._demand(n))
+
+    def _demand(self, n: Mapping[str, float]) -> float:
+        """Torque of an axle that a constant demand asks for; of any other one no limit."""
+        part, many = self.trip.demand, len(self.trip.vehicle.worked)
+        if not isinstance(part, Constant):
+            return float("inf")
+        if part.force is not None:
+            return part.force * n["r"] / many
+        level = part.deceleration if part.acceleration is None else part.acceleration
+        assert level is not None
+        return n["r"] * n["m"] * level / many + n["J"] * level / n["r"]
+
+    def numbers(self, loop: Block) -> dict[str, float]:
+        """Numbers of an ``axle_loop``."""
+        now = loop.values_by_place()
+        n = bounds._wheel(loop)
+        least, most = self._heights(n)
+        assumed, act = self.trip.certify, self.trip.actuator
+        lag = float(np.max(now["tau"])) if isinstance(act, Lag) else max(act.fill, act.vent)
+        law = loop_law(self.trip, self.part, loop)
+        gain = gain_of(law)
+        force = self._at_goal(**n) * most / (n["r"] ** 2 / n["J"] + len(
+            self.trip.vehicle.worked) / n["m"])  # fmt: skip
+        found = {
+            "W": assumed.push + self._others(n) * most, "noise": assumed.noise,
+            "force": assumed.error * force if hears_force(law) else 0.0,
+            "lag": lag, "dead": act.dead_time, "T": float(loop.period or 0.001),
+            "v": self.over.speed, "least": least, "most": most, "goal": self.goal,
+            "band": assumed.tube * self.goal,
+        }  # fmt: skip
+        return found | ({"K": float(np.max(law.param_values()[gain]))} if gain else {})
+
+    def _others(self, n: Mapping[str, float]) -> float:
+        """What the other axles push, anywhere in their tubes, at height 1."""
+        share = len(self.trip.vehicle.worked) / n["m"]
+        share /= n["r"] ** 2 / n["J"] + share
+        tube = (self.goal * (1 - self.over.tube), self.goal * (1 + self.over.tube))
+        given = {**self._given(**n), "v": self.over.speed}
+        low, high = enclosure(self.falls, "D", {"v_s": tube}, bounds.COARSE, **given)
+        return share * (high - low)
+
+    def system(self, loop: Block) -> System:
+        """System of the loop."""
+        n = bounds._wheel(loop)
+        steady, _ = bounds._resistance(self.trip, self.over.speed, n["m"], 0.0)
+        tick = AxleTick(self.trip, self.part, loop, self.falls, self._given(**n), self.goal, steady)
+        return axle_system(tick.build)
+
+    def words(self) -> str:
+        """Where the bounds are from."""
+        rows = [f"rail {self.rail}, at {3.6 * self.over.speed:.4g} km/h; a push of"
+                f" {self.trip.certify.push:g} m/s^2 ([certify] push), and what the other axles do"
+                f" within {self.over.tube:.0%} of the goal"]  # fmt: skip
+        if not isinstance(self.trip.actuator, Lag):
+            rows.append("a valve taken as the slower of its lags")
+        drawn = [k for k in ("m",) if k in self.over.numbers]
+        drawn += [k for k in ("c",) if k in self.over.scale]
+        if drawn:
+            rows.append(f"over the ensemble's {', '.join(drawn)}")
+        other = [*self.left, *(k for k in (*self.over.numbers, *self.over.scale) if k not in drawn)]
+        if other:
+            rows.append(f"not over its {', '.join(other)}")
+        return "; ".join(rows)
+
+
+def hears_force(law: Block) -> bool:
+    """Whether a law hears the adhesion force that it is told."""
+    return any(n.rpartition(".")[2] in ("F", "D") for n in law.inputs)

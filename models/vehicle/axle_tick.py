@@ -1,0 +1,232 @@
+"""A controller of a trip behind a short axle: one tick of both, for a proof by sums.
+
+The controller is the person's block as it is, gated and within its limits (``applied``). The axle
+is
+
+    s' = (r/J) T - h D(s) - a + w,   D = (r^2/J + n_w/M) mu(s) M g/n
+    tau T' = T_cmd(dead time ago) - T
+
+at one speed, one step of RK4 a tick. h is the height of the adhesion curve over that of the file,
+w a push. The controller sees the slip with a noise n, and is told an adhesion force that is wrong
+by f. The reference stands still.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipctl import BadInput, Block, connect
+from slipctl.block.transforms.discretisation import gated
+from slipctl.certify.axle_loop import SLIP, Built
+from slipctl.certify.sampled_loop import Cell, SampledLoop
+from slipctl.certify.sums import NoProof
+from slipctl.certify.tick_code import code_of_function
+from slipctl.models.vehicle.control import applied, slip_law, wheel
+from slipctl.models.vehicle.parts import OwnLaw, SlipLaw, Trip
+from slipctl.models.vehicle.plant import on_train
+
+SETTLING = 500
+"""Ticks for which a controller is shown the slip at rest before its own rest is looked for."""
+
+MOST_DEAD = 200
+"""Most ticks of a dead time."""
+
+
+class AxleTick:
+    """Makes the tick of a controller and its axle, of numbers.
+
+    Args:
+        trip, part: the trip and its controller. loop: the loop, whose numbers count.
+        falls: block from ``v_s`` to ``D``, the adhesion curve at height 1 on one rail.
+        given: its numbers. goal: slip that is held, in m/s. steady: resistance as deceleration.
+    """
+
+    def __init__(
+        self, trip: Trip, part: SlipLaw | OwnLaw, loop: Block, falls: Block,
+        given: Mapping[str, float], goal: float, steady: float,
+    ) -> None:  # fmt: skip
+        self.trip, self.part, self.goal, self.steady = trip, part, goal, steady
+        self.falls, self.given = falls, dict(given)
+        now = loop.values_by_place()
+        self.law = loop_law(trip, part, loop)
+        self.lead = float(np.max(now.get("ctl.apply.lead", 1.0)))
+        self.T_max = float(np.max(now.get("ctl.apply.T_max", trip.actuator.torque)))
+        self.made: dict[tuple[Any, ...], Built] = {}
+
+    def build(self, n: Mapping[str, Any]) -> Built:
+        """Loop of the numbers of an ``axle_loop``.
+
+        Raises:
+            BadInput: a dead time that is too long.
+        """
+        key = tuple((k, n.get(k)) for k in ("T", "lag", "dead", "K", "v", "goal"))
+        if key not in self.made:
+            self.made = {key: self._built(n)}
+        return self.made[key]
+
+    def _built(self, n: Mapping[str, Any]) -> Built:
+        T, lag, v = float(n["T"]), float(n["lag"]), float(n["v"])
+        ticks = -(-Fraction(n["dead"]) // Fraction(n["T"]))
+        if ticks > MOST_DEAD:
+            raise BadInput(
+                f"a dead time of {ticks} ticks is too long for a proof; at most {MOST_DEAD}"
+            )
+        law = self.law
+        if n.get("K") is not None:
+            law = law.with_params(**{gain_of(law): float(n["K"])})
+        control = gated(law)
+        s, T_b, height = ca.SX.sym("s"), ca.SX.sym("T_b"), ca.SX.sym("height")
+        wait = ca.SX.sym("wait", int(ticks))
+        kept = ca.SX.sym("law", control.f.numel_in(0))
+        w, noise, wrong = ca.SX.sym("w"), ca.SX.sym("n"), ca.SX.sym("f")
+        fall = self._fall(v)
+        told = height * fall(self.goal)
+        numbers = wheel(self.trip)
+        force = told / (numbers.r**2 / numbers.J + 1 / numbers.m)
+        kept_next, T_cmd = self._controlled(control, kept, s + noise, T_b, force + wrong, told, v)
+        first, rest = (wait[0], ca.vertcat(wait[1:], T_cmd)) if ticks else (T_cmd, wait)
+        rate = lambda x: ca.vertcat(  # noqa: E731
+            numbers.r / numbers.J * x[1] - height * fall(x[0]) - self.steady + w,
+            (first - x[1]) / lag if lag else 0,
+        )  # fmt: skip
+        x = ca.vertcat(s, T_b if lag else first)
+        k1 = rate(x)
+        k2 = rate(x + T / 2 * k1)
+        k3 = rate(x + T / 2 * k2)
+        k4 = rate(x + T * k3)
+        after = x + T / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        inner = [f"law{i}" for i in range(kept.numel())]
+        states = (SLIP, "T", *(f"q{i}" for i in range(int(ticks))), *inner)
+        f = ca.Function(
+            "tick", [ca.vertcat(s, T_b, wait, kept, w, noise, wrong, height)],
+            [ca.vertcat(after[0], after[1] if lag else first, rest, kept_next)], {"cse": True},
+        )  # fmt: skip
+        inputs = [*(f"x_{k}" for k in states), "d_w", "d_n", "d_f", "p_height"]
+        code = code_of_function(f, inputs, states)
+        loop = SampledLoop(code, states, ("w", "n", "f"), ("height",))
+        start = control.start()
+        begin = np.array([float(np.max(start[k])) for k in control.states])
+        guess = float(fall(self.goal) + self.steady) * numbers.J / numbers.r
+        return Built(loop, _Rest(f, len(states), begin, guess, self.goal, int(ticks)).cell)
+
+    def _fall(self, v: float) -> Any:
+        """D of the slip in symbols or numbers."""
+        s = ca.SX.sym("s")
+        values = {k: float(x) for k, x in self.falls.param_values().items()} | self.given
+        u = {"v_s": s} | ({"v": ca.SX(v)} if "v" in self.falls.inputs else {})
+        whole = self.falls.f.expand()
+        inputs = self.falls.pack("input", {k: u[k] for k in self.falls.inputs})
+        params = self.falls.pack("param", {k: ca.SX(values[k]) for k in self.falls.params})
+        y = whole(ca.SX(0, 1), inputs, params)[1]
+        return ca.Function("fall", [s], [self.falls.unpack("output", y)["D"]])
+
+    def _controlled(
+        self, control: Block, kept: Any, s: Any, T_b: Any, force: Any, told: Any, v: float
+    ) -> tuple[Any, Any]:
+        """Next states of the controller, and the torque that it commands."""
+        has = {"v": ca.SX(v), "v_s": s, "v_best": ca.SX(self.goal), "F": force, "D": told,
+               "T": T_b, "T_top": ca.SX(self.T_max), "on": ca.SX(1)}  # fmt: skip
+        u = {k: has[k.rpartition(".")[2]] for k in control.inputs}
+        p = {k: ca.SX(np.asarray(x)) for k, x in control.param_values().items()}
+        f = control.f.expand()
+        after, y = f(kept, control.pack("input", u), control.pack("param", p))
+        wanted = control.unpack("output", y)["T_wanted"]
+        g = applied.f.expand()
+        ports = {"T_wanted": wanted, "T_demand": ca.SX(self.T_max), "T": T_b, "on": ca.SX(1),
+                 "v": ca.SX(v)}  # fmt: skip
+        own = applied.with_params(T_max=self.T_max, lead=self.lead)
+        limits = {k: ca.SX(float(x)) for k, x in own.param_values().items()}
+        y = g(ca.SX(0, 1), applied.pack("input", ports), applied.pack("param", limits))[1]
+        return after, applied.unpack("output", y)["T_cmd"]
+
+
+def gain_of(law: Block) -> str:
+    """Parameter of a law that is its gain K; empty where it has none.
+
+    Args:
+        law: the law.
+    """
+    return next((k for k in law.params if k.rpartition(".")[2] == "K"), "")
+
+
+def loop_law(trip: Trip, part: SlipLaw | OwnLaw, loop: Block) -> Block:
+    """Law of a controller with the numbers that it has in a loop."""
+    now = loop.values_by_place()
+    block, _ = slip_law(trip, part, wheel(trip, part.reference))
+    own = {n: float(np.max(now[f"ctl.law.{n}"])) for n, s in block.params.items()
+           if f"ctl.law.{n}" in now and not s.derived}  # fmt: skip
+    return block.with_params(**own)
+
+
+class _Rest:
+    """Finds the rest of a tick by Newton steps, in floats."""
+
+    def __init__(
+        self, f: ca.Function, many: int, begin: np.ndarray, guess: float, goal: float, ticks: int
+    ) -> None:
+        z = ca.SX.sym("z", many + 4)
+        after = f(z)
+        self.f = ca.Function("after", [z], [after, ca.jacobian(after, z)])
+        self.many, self.goal = many, goal
+        self.first = np.concatenate([[goal], np.full(1 + ticks, guess), begin])
+        self.kept = len(begin)
+
+    def cell(self, slow: tuple[tuple[Fraction, Fraction], ...]) -> Cell:
+        """Cell of a range of the height, with the rest and how it moves.
+
+        Raises:
+            NoProof: there is no rest.
+        """
+        ((low, high),) = slow
+        middle = float((low + high) / 2)
+        x, J = self._newton(middle)
+        moved = np.linalg.solve(np.eye(self.many) - J[:, : self.many], J[:, -1])
+        moved[np.abs(moved) < 1e-9 * np.abs(x).max()] = 0.0
+        rest = [Fraction(v) for v in x.tolist()]
+        rest[0] = Fraction(self.goal)
+        moves = (0.0, *moved.tolist()[1:])
+        return Cell(slow, tuple(rest), (tuple(map(Fraction, moves)),))
+
+    def _settled(self, height: float) -> np.ndarray:
+        """States after the controller has seen the slip at rest for a while."""
+        x = self.first.copy()
+        for _ in range(SETTLING):
+            after = np.array(self.f(np.concatenate([x, [0, 0, 0, height]]))[0])[:, 0]
+            x[self.many - self.kept :] = after[self.many - self.kept :]
+        return x
+
+    def _newton(self, height: float) -> tuple[np.ndarray, np.ndarray]:
+        settled = self._settled(height)
+        tries = [(0, 0.0)] + [
+            (k, size) for size in (1.0, -1.0, 0.3, -0.3) for k in range(self.kept)
+        ]
+        for k, size in tries:
+            x = settled.copy()
+            if size:
+                x[self.many - self.kept + k] += size * settled[1]
+            for _ in range(30):
+                after, J = (
+                    np.array(part) for part in self.f(np.concatenate([x, [0, 0, 0, height]]))
+                )
+                off = after[:, 0] - x
+                if np.abs(off).max() < 1e-10 * max(1.0, np.abs(x).max()):
+                    if abs(x[0] - self.goal) < 1e-6 * self.goal:
+                        return x, J
+                    break
+                try:
+                    x = x + np.linalg.solve(np.eye(self.many) - J[:, : self.many], off)
+                except np.linalg.LinAlgError:
+                    break
+        raise NoProof(f"no rest was found at a slip of {self.goal:.4g} m/s: a state drifts, or a"
+                      " limit of the torque is in the way")  # fmt: skip
+
+
+def short_curve(falls_of: Block, adhesion: Block) -> Block:
+    """Block from ``v_s`` (and ``v``) to what the slip falls by."""
+    return connect("falls", {"adh.v_s": "v_s", "adh.v": "v", "fall.mu": "adh.mu", "D": "fall.D"},
+                   adh=on_train(adhesion), fall=falls_of)  # fmt: skip

@@ -1,0 +1,209 @@
+"""What the wheels of a run did that a reader has to know before its numbers: physics, in words.
+
+A wheel slides beyond the slip that its law of adhesion is meant for. A wheel spins without end.
+Slip control holds the brake below the demand though the rail would carry it. The speed that is
+made of the wheels is further off than it says of itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from slipctl.block.block import Block
+from slipctl.block.reach import slip_input
+from slipctl.run.rail import Scenario
+from slipctl.run.scenario_inputs import rail_values
+
+SPINS = 20.0
+"""Creep in m/s from which a driven wheel is one that nothing holds: no slip law goes there."""
+
+HELD = 1.0
+"""Time in s for which the brake may be below a demand that the rail carries."""
+
+BELOW = 0.9
+"""Share of the demand, and of what the rail carries, that is clearly below."""
+
+FIRST = "slip control holds"
+"""How the line begins that stands before all others."""
+
+RATIO_FROM = 1.0
+"""Speed in m/s below which a slip ratio says nothing."""
+
+Values = Mapping[Any, Any]
+
+
+def rail_laws(loop: Block) -> Iterator[tuple[str, Block, str]]:
+    """Laws of adhesion under the wheels of a loop: path, law, and the signal that is their slip."""
+    known = {**loop.outputs, **loop.states}
+    for path, law in loop.leaves():
+        own = slip_input(law)
+        if own is None or law.kind != "law" or "mu" not in law.outputs or not law.conditions:
+            continue
+        home, per = path.rpartition(".")[0], law.inputs[own].per
+        hits = [n for n, s in known.items()
+                if n.startswith(f"{home}.") and s.per == per and s.positive]  # fmt: skip
+        if hits:
+            yield path, law, min(hits, key=lambda n: (n.rpartition(".")[2] != own, n.count("."), n))
+
+
+def watched_wheels(loop: Block) -> set[str]:
+    """Signals that :func:`wheel_warnings` needs."""
+    known = {**loop.states, **loop.outputs}
+    found = {"demand.T_demand", "ctl.T_cmd", "plant.train.x", "plant.train.v",
+             "speed.v_m", "speed.error"}  # fmt: skip
+    for path, _, slip in rail_laws(loop):
+        home = path.rpartition(".")[0]
+        found |= {slip, *(n for n in known if n.startswith(f"{home}.") and n.endswith(".v"))}
+    return {n for n in found if n in known}
+
+
+def wheel_warnings(loop: Block, scenario: Scenario, log: Values) -> list[str]:
+    """What the wheels did that a reader has to know, one line each; the worst first.
+
+    Args:
+        loop, scenario: the run.
+        log: ``time`` and the signals of :func:`watched_wheels`, a row per tick.
+    """
+    if np.asarray(log["time"]).size < 2:
+        return []
+    return [*_held(loop, scenario, log), *_wrong_speed(log), *_slides(loop, log)]
+
+
+# ---- a slide -------------------------------------------------------------------------------------
+
+
+def _slides(loop: Block, log: Values) -> Iterator[str]:
+    time = np.asarray(log["time"])
+    for path, law, name in rail_laws(loop):
+        if name not in log:
+            continue
+        signal = {**loop.outputs, **loop.states}[name]
+        slip, unit = _columns(log[name]), "" if signal.unit == "1" else f" {signal.unit}"
+        turn = -1 if signal.positive == "braking" else 1
+        if signal.per == "speed" and (turn * slip).max() > SPINS:
+            k, axle = np.unravel_index(int(np.argmax(turn * slip)), slip.shape)
+            yield (
+                f"the wheel{_of_axle(axle, slip)} spins: its rim is {abs(slip[k, axle]):.4g} m/s"
+                f" faster than the vehicle at {time[k]:.4g} s; neither slip control nor its motor"
+                " holds it"
+            )
+        limit = law.law_data.meant_to
+        if limit is None or not np.isfinite(limit):
+            continue
+        size = np.abs(slip)
+        if "v_least" in law.params:  # it is made of a law over the ratio
+            v = np.abs(np.asarray(log.get(f"{path.rpartition('.')[0]}.v", np.zeros(len(size)))))
+            size, unit = size / np.maximum(v, RATIO_FROM).reshape(-1, 1), ""
+        beyond = size > limit
+        if beyond.any():
+            k, axle = np.unravel_index(int(np.argmax(size)), size.shape)
+            begin = time[int(np.argmax(beyond.any(axis=1)))]
+            yield (
+                f"the wheel{_of_axle(axle, size)} slides at {size[k, axle]:.3g}{unit} of slip, and"
+                f" {law.name} is meant up to {limit:.3g}{unit}: from {begin:.4g} s on the adhesion"
+                " of a wheel that slides is not the rail's"
+            )
+
+
+def _of_axle(axle: Any, columns: np.ndarray) -> str:
+    return f" of axle {int(axle) + 1}" if columns.shape[1] > 1 else ""
+
+
+def _columns(values: Any) -> np.ndarray:
+    found = np.asarray(values, dtype=float)
+    return found if found.ndim > 1 else found.reshape(-1, 1)
+
+
+# ---- a demand that is not met --------------------------------------------------------------------
+
+
+def _held(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
+    """Slip control that holds the torque below a demand which the rail would carry."""
+    names = ("demand.T_demand", "ctl.T_cmd", "plant.train.x", "plant.train.v")
+    if not all(n in log for n in names):
+        return
+    demand, command, place, v = (np.asarray(log[n], dtype=float) for n in names)
+    carried = _carried(loop, scenario, place, np.asarray(log["time"]))
+    if carried is None:
+        return
+    command, params = _columns(command), loop.param_values()
+    limit = np.min(params.get("T_max", np.inf))
+    asked = np.minimum(demand, float(limit)).reshape(-1, 1)
+    held = (command < BELOW * asked) & (asked <= BELOW * carried[:, : command.shape[1]])
+    held &= np.abs(v).reshape(-1, 1) > 0.1
+    spans = [longest_span(column) for column in held.T]
+    axle = int(np.argmax([b - a for a, b in spans]))
+    a, b = spans[axle]
+    time = np.asarray(log["time"])
+    if b - a < 2 or time[b - 1] - time[a] <= HELD:
+        return
+    yield (
+        f"{FIRST} the torque{_of_axle(axle, command)} below the demand from {time[a]:.4g} s to"
+        f" {time[b - 1]:.4g} s though the rail carries it: {command[a:b, axle].mean():.4g} N m for"
+        f" {asked[a:b].mean():.4g} N m"
+    )
+
+
+def _carried(
+    loop: Block, scenario: Scenario, place: np.ndarray, time: np.ndarray
+) -> np.ndarray | None:
+    """Torque in N m that the rail under each axle carries at its best slip, in every row."""
+    found = next((one for one in rail_laws(loop) if one[0] == "plant.train.adh"), None)
+    params = loop.param_values()
+    if found is None or scenario.rail is None:
+        return None
+    path, law, _ = found
+    by_rail = rail_values(loop, scenario)[1]
+    r, load = (np.asarray(params[f"plant.train.{n}"] if f"plant.train.{n}" in params else params[n])
+               for n in ("r", "m_axle"))  # fmt: skip
+    g = float(np.max(params.get("plant.train.g", params.get("plant.g", params.get("g", 9.81)))))
+    peaks = []
+    for k in range(len(scenario.rail.sections)):
+        own = {n: float(np.max(by_rail.get(f"{path}.{n}", {k: params[f"{path}.{n}"]})[k]))
+               for n, s in law.params.items() if not s.derived}  # fmt: skip
+        peaks.append(highest_adhesion(law, own))
+    at = time[:, None]
+    if scenario.rail.by != "time":
+        behind = params.get("plant.train.behind", 0.0)
+        at = place[:, None] - np.reshape(behind, (1, -1))
+    section = np.searchsorted(scenario.rail.starts, at + 1e-9, side="right") - 1
+    return np.asarray(peaks)[np.maximum(section, 0)] * r * load * g + 0 * np.reshape(r, (1, -1))
+
+
+def highest_adhesion(law: Block, numbers: Mapping[str, float]) -> float:
+    """Largest adhesion of a law of creep (and speed) at 10 m/s, on a grid of 3 % steps."""
+    slip, rest = str(slip_input(law)), {"v": 10.0} if "v" in law.inputs else {}
+    block = law.with_params(**numbers)
+    return max(abs(float(block(**{slip: s}, **rest)["mu"])) for s in np.geomspace(0.003, 10, 270))
+
+
+def longest_span(true: np.ndarray) -> tuple[int, int]:
+    """First row, and the one after the last, of the longest stretch that is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(int)))
+    begins, ends = edges[::2], edges[1::2]
+    if not begins.size:
+        return 0, 0
+    k = int(np.argmax(ends - begins))
+    return int(begins[k]), int(ends[k])
+
+
+# ---- a speed that is wrong -----------------------------------------------------------------------
+
+
+def _wrong_speed(log: Values) -> Iterator[str]:
+    """A speed of the vehicle, made of its wheels, that is further off than it says."""
+    names = ("speed.v_m", "speed.error", "plant.train.v")
+    if not all(n in log for n in names):
+        return
+    believed, error, v = (np.asarray(log[n], dtype=float) for n in names)
+    over = np.abs(believed - v) - error
+    k = int(np.argmax(over))
+    if over[k] > 0:
+        yield (
+            f"the speed that is made of the wheels is {believed[k]:.3g} m/s at"
+            f" {np.asarray(log['time'])[k]:.4g} s and the vehicle's {v[k]:.3g} m/s: further off"
+            f" than the {error[k]:.2g} m/s that it says"
+        )

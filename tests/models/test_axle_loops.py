@@ -1,0 +1,123 @@
+"""Controllers of a vehicle file as they run: verdicts against the vehicle's own equations."""
+
+from __future__ import annotations
+
+import copy
+from fractions import Fraction
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from slipctl.certify import certificate, proofs
+from slipctl.certify.catalogue import system_of_gains
+from slipctl.certify.entries import DoesNotHold
+from slipctl.certify.promise import CERTIFIED, REFUTED, exact_numbers
+from slipctl.errors import BadInput
+from slipctl.models.vehicle import axle_loops
+from slipctl.models.vehicle.trip import case
+from slipctl.study.files import trip_files
+
+SHIPPED = resources.files("slipctl.models.vehicle") / "files" / "metro.toml"
+
+
+def asked(tmp_path, *changes):
+    """System and numbers of the PID of the shipped file, with changes of its text."""
+    text = SHIPPED.read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = tmp_path / "car.toml"
+    path.write_text(text, encoding="utf-8")
+    trip = trip_files.load_trip(str(path))
+    (gains,) = [g for g in axle_loops.gains(trip) if g.loop == "pid"]
+    loop = case(trip).loops["pid"]
+    system = system_of_gains(gains, loop)
+    return system, exact_numbers(system, {k: float(v) for k, v in gains.numbers(loop).items()})
+
+
+def test_the_shipped_pid_is_proved_and_a_plain_run_stays_inside(tmp_path):
+    """The axle in plain Python, written here, with the worst push of its own linear loop."""
+    system, n = asked(tmp_path)
+    payload = proofs.write(system, n)
+    assert payload["verdict"] == CERTIFIED
+    assert "CERTIFIED" in certificate.check(payload)  # without the vehicle
+    evidence = payload["proofs"]["sums"]["evidence"]
+    proved = float(Fraction(evidence["cells"][0]["box"][0]))
+    assert proved <= n["band"]
+    far = max(axle(n, float(h)) for h in (n["least"], n["most"]))
+    assert far < proved < 1.4 * far
+    bad = copy.deepcopy(payload)
+    bad["asked"]["W"]["value"] = str(n["W"] * 2)
+    with pytest.raises((DoesNotHold, BadInput)):
+        certificate.check(bad)
+
+
+def axle(n, height, J=110.0, r=0.42, M=38e3, c=0.18, a=0.54, b=1.2, davis=2.65e3):
+    """Largest |e| of the PID of Zhang behind a lag and a dead time on double exponentials."""
+    K, W, lag = float(n["K"]), float(n["W"]), float(n["lag"])
+    late, goal = round(float(n["dead"] / n["T"])), float(n["goal"])
+
+    def curve(s):
+        return height * (r * r / J + 4 / M) * M * 9.81 / 4 * c * (np.exp(-a * s) - np.exp(-b * s))
+
+    def run(push):
+        rest = J / r * (curve(goal) + davis / M)
+        s, T, waits, integral, far = goal, rest, [rest] * late, rest, 0.0
+        path = []
+        for w in push:
+            e = s - goal
+            cmd = min(max(-K * J / r * e + integral, 0.0), 8e3)
+            integral -= 1e-3 * K * K / 4 * J / r * e
+            waits.append(cmd)
+            s += 1e-3 * (r / J * T - curve(s) - davis / M + w)
+            T += (1 - np.exp(-1e-3 / lag)) * (waits.pop(0) - T)
+            path.append(s - goal)
+            far = max(far, abs(s - goal))
+        return far, np.array(path)
+
+    h = run(np.array([1e-3] + [0.0] * 3000))[1]
+    signs = np.sign(h[::-1])
+    return max(run(W * signs)[0], run(-W * signs)[0])
+
+
+def test_the_pid_as_it_was_shipped_is_refuted_by_a_run(tmp_path):
+    """K = 100 1/s is unstable behind 60 ms and 20 ms; without them it is not."""
+    system, n = asked(tmp_path, ('K = "10 1/s"', 'K = "100 1/s"'))
+    payload = proofs.write(system, n)
+    assert payload["verdict"] == REFUTED
+    assert "replayed" in certificate.check(payload)
+    assert system.loop.why[0].startswith(
+        "at rest the loop is unstable: its spectral radius is 1.01"
+    )
+    bad = copy.deepcopy(payload)
+    bad["counterexample"]["run"]["signs"] = bad["counterexample"]["run"]["signs"][:20]
+    with pytest.raises(DoesNotHold):
+        certificate.check(bad)
+
+
+def test_more_push_lag_or_dead_time_is_never_easier(tmp_path):
+    """Half-widths that are proved grow with each of them."""
+    from slipctl.certify.sums import Bounds, find_cell
+
+    system, n = asked(tmp_path)
+    cell = (n["least"], n["most"])
+    for name, values in (("W", (0.1, 0.2)), ("dead", (0.01, 0.02)), ("lag", (0.04, 0.06))):
+        widths = []
+        for value in values:
+            now = {**n, name: Fraction(str(value))}
+            built = system.loop.build(now)
+            bounds = Bounds((now["W"], Fraction(0), Fraction(0)), (Fraction(0),) * len(
+                built.loop.states))  # fmt: skip
+            widths.append(find_cell(built.loop, built.rest((cell,)), bounds)[1][0])
+        assert widths == sorted(widths)
+
+
+def test_a_rail_on_which_the_demand_rules_has_no_certificate(tmp_path):
+    """On dry rail 1.2 m/s^2 needs less than the rail carries."""
+    text = SHIPPED.read_text(encoding="utf-8").replace('condition = "leaves"', 'condition = "dry"')
+    path = tmp_path / "dry.toml"
+    path.write_text(text, encoding="utf-8")
+    trip = trip_files.load_trip(str(path))
+    assert not axle_loops.gains(trip)
+    assert "never rules" in axle_loops.reasons_without_certificate(trip, {})["pid"]

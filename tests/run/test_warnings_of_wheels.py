@@ -1,0 +1,126 @@
+"""What the wheels of a run did: a slide beyond the law, a spin, a law's reach."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slipctl import BadInput, prepare
+from slipctl.block.reach import reach_text, with_reach
+from slipctl.models.huang_2020.subway_braking import double_exponential
+from slipctl.models.vehicle import (
+    Constant,
+    DemandAlone,
+    Exact,
+    Lag,
+    Sensors,
+    Stretch,
+    Track,
+    Trip,
+    Vehicle,
+    case,
+)
+from slipctl.models.wheel_rail.exponential_tail import exponential_tail, peak_slip
+from slipctl.study.resolve import load_block
+
+CAR = Vehicle(mass=38e3, inertia=110.0, speed=16.7)
+
+
+def told(**changes):
+    given = dict(
+        duration=3.0, vehicle=CAR, actuator=Lag(torque=8e3), demand=Constant(deceleration=1.2),
+        rail=Track(sections=(Stretch(place=0.0, condition="ice"),)),
+        sensors=Sensors(wheel_speed=Exact()), controllers={"none": DemandAlone()},
+    )  # fmt: skip
+    found = case(Trip(**given | changes))
+    log = prepare(found.loops["none"], found.scenario, compile=False)(doubt=True)
+    return log, log.told()
+
+
+def test_a_slide_beyond_what_the_law_is_meant_for_is_told_with_axle_and_slip():
+    log, (line,) = told()
+    slip = np.abs(log["plant.train.v_s"])
+    k, axle = np.unravel_index(np.argmax(slip), slip.shape)
+    assert f"wheel of axle {axle + 1} slides at {slip[k, axle]:.3g} m/s" in line
+    assert "double_exponential is meant up to 4 m/s" in line
+    first = log["time"][np.argmax((slip > 4).any(axis=1))]
+    assert f"from {first:.4g} s on" in line
+    # a law that is meant for a locked wheel has nothing to say, nor one within its reach
+    rail = Track(law="exponential_tail", sections=(Stretch(place=0.0, condition="ice"),))
+    assert told(rail=rail)[1] == []
+    assert told(demand=Constant(deceleration=0.1))[1] == []
+
+
+def test_a_law_over_the_ratio_is_judged_by_the_ratio():
+    rail = Track(law="burckhardt", sections=(Stretch(place=0.0, condition="snow"),))
+    _, lines = told(rail=rail, demand=Constant(deceleration=2.0), actuator=Lag(torque=9e3))
+    assert len(lines) == 1
+    assert "slides at 1 of slip, and burckhardt is meant up to 0.7" in lines[0]
+
+
+def test_a_wheel_that_spins_is_told_and_a_motor_has_a_limit():
+    driven = replace(CAR, mode="drive", speed=5.0)
+    rail = Track(law="exponential_tail", sections=(Stretch(place=0.0, condition="ice"),))
+    demand = Constant(acceleration=1.4)
+    log, lines = told(vehicle=driven, rail=rail, demand=demand, duration=4.0)
+    assert len(lines) == 1
+    assert f"its rim is {log['plant.train.v_s'].max():.4g} m/s faster" in lines[0]
+    weak = Lag(torque=8e3, power=60e3, top=16.0)
+    log, lines = told(vehicle=driven, rail=rail, demand=demand, duration=6.0, actuator=weak)
+    assert lines == []
+    omega, T = log["plant.train.omega"], log["plant.T"]
+    assert (T * omega <= 60e3 * (1 + 1e-12)).all()
+    assert omega.max() * 0.42 < 16.0 + 0.2  # a tick of 8 kN m is 73 rad/s^2 1 ms
+    assert log["plant.train.P_drive"].max() <= 4 * 60e3 * 1.01
+
+
+def test_a_peak_is_where_its_formula_says_and_a_locked_wheel_keeps_the_tail():
+    grid = np.linspace(0.01, 20, 20_000)
+    for name, p in exponential_tail.conditions.items():
+        at = {"a": 0.54, "b": 1.2, **p}
+        mu = at["c"] * (np.exp(-0.54 * grid) - np.exp(-1.2 * grid)) + at["s"] * (
+            1 - np.exp(-1.2 * grid)
+        )
+        assert float(peak_slip(**at)) == pytest.approx(grid[np.argmax(mu)], abs=2e-3), name
+        far = float(exponential_tail(v_s=40.0, **p)["mu"])
+        assert far == pytest.approx(at["s"], rel=1e-6)
+
+
+def test_four_locked_wheels_on_dry_rail_brake_by_the_tail():
+    # with the shipped numbers a locked wheel has 0.1: about 1 m/s^2, as every brake engineer knows
+    rail = Track(law="exponential_tail", sections=(Stretch(place=0.0, condition="dry"),))
+    log, _ = told(rail=rail, demand=Constant(deceleration=4.0), duration=4.0,
+                  vehicle=replace(CAR, speed=30.0), actuator=Lag(torque=3e4))  # fmt: skip
+    v, omega = log["plant.train.v"], log["plant.train.omega"]
+    locked = (omega == 0).all(axis=1) & (v > 12)
+    assert locked.sum() > 500
+    slope = np.polyfit(log["time"][locked], v[locked], 1)[0]
+    assert slope == pytest.approx(-0.981, rel=0.01)
+
+
+def test_a_law_says_how_far_it_reaches(tmp_path: Path):
+    assert reach_text(double_exponential) == "not measured; meant up to |v_s| = 4 m/s"
+    assert reach_text(exponential_tail) == "not measured; meant up to a locked wheel"
+    file = tmp_path / "own.toml"
+    text = '[law]\nmu = "c*v_s"\ninputs = {v_s = "m/s"}\nparameters = {c = "0.1 s/m"}\n'
+    for key, value, wanted in (
+        (
+            "meant_to",
+            "locked",
+            "not said up to which slip it was measured; meant up to a locked wheel",
+        ),
+        (
+            "measured_to",
+            "9 km/h",
+            "measured up to |v_s| = 2.5 m/s; not said up to which slip it is meant",
+        ),
+    ):
+        file.write_text(text + f'{key} = "{value}"\n', encoding="utf-8")
+        assert reach_text(load_block(f"{file}:law")) == wanted
+    for key, value in (("meant_to", "far"), ("measured_to", "-1 m/s"), ("measured_to", "2 kg")):
+        with pytest.raises(BadInput, match=key):
+            with_reach(double_exponential, {key: value})
+    assert with_reach(double_exponential, {"meant_to": "locked"}).law_data.meant_to == math.inf
+    assert double_exponential.law_data.meant_to == 4.0
