@@ -102,10 +102,31 @@ class _Asked:
     def _heights(self, numbers: Mapping[str, float]) -> tuple[float, float]:
         """Least and largest height of the curve over that of the numbers, by mass and peak."""
         masses = self.over.numbers.get("m", (numbers["m"],) * 2)
-        peaks = self.over.scale.get("c", (1.0, 1.0))
+        ends = [self.over.scale[names[0]] for names in self._height_draws()]
+        peaks = [float(np.prod([e[k] for e in ends])) for k in (0, 1)]
         now = self._at_goal(**numbers)
         by_mass = [self._at_goal(**{**numbers, "m": m}) / now for m in masses]
         return min(by_mass) * min(peaks), max(by_mass) * max(peaks)
+
+    def _height_draws(self) -> list[tuple[str, ...]]:
+        """Parameters that are drawn together and multiply the whole curve."""
+        slips = self.goal * np.linspace(0.25, 4.0, 16)
+
+        def curve(values: Mapping[str, float]) -> np.ndarray:
+            given = {f"adh.{k}": v for k, v in values.items()}
+            rest = {k: x for k, x in self._given(**self._nominal()).items() if k not in given}
+            u = {"v": self.over.speed} if "v" in self.falls.inputs else {}
+            return np.array([float(self.falls(v_s=s, **u, **given, **rest)["D"]) for s in slips])
+
+        def multiplies(names: tuple[str, ...]) -> bool:
+            for by in self.over.scale[names[0]]:
+                scaled = curve({k: v * by if k in names else v for k, v in self.curve.items()})
+                if not np.allclose(scaled, by * now, rtol=1e-9, atol=0):
+                    return False
+            return True
+
+        now = curve(self.curve)
+        return [names for names in self.over.together if multiplies(names)]
 
     def rules(self) -> bool:
         """Whether the adhesion at the goal carries less than actuator and demand give."""
@@ -168,7 +189,7 @@ class _Asked:
         if not isinstance(self.trip.actuator, Lag):
             rows.append("a valve taken as the slower of its lags")
         drawn = [k for k in ("m",) if k in self.over.numbers]
-        drawn += [k for k in ("c",) if k in self.over.scale]
+        drawn += [k for names in self._height_draws() for k in names]
         if drawn:
             rows.append(f"over the ensemble's {', '.join(drawn)}")
         other = [*self.left, *(k for k in (*self.over.numbers, *self.over.scale) if k not in drawn)]

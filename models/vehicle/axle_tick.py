@@ -31,7 +31,7 @@ from slipctl.models.vehicle.parts import OwnLaw, SlipLaw, Trip
 from slipctl.models.vehicle.plant import on_train
 
 SETTLING = 500
-"""Ticks for which a controller is shown the slip at rest before its own rest is looked for."""
+"""Ticks for which a controller is shown a slip that goes to its rest, and then the rest."""
 
 MOST_DEAD = 200
 """Most ticks of a dead time."""
@@ -53,6 +53,7 @@ class AxleTick:
         self.trip, self.part, self.goal, self.steady = trip, part, goal, steady
         self.falls, self.given = falls, dict(given)
         now = loop.values_by_place()
+        self.period = float(loop.period or 0.001)
         self.law = loop_law(trip, part, loop)
         self.lead = float(np.max(now.get("ctl.apply.lead", 1.0)))
         self.T_max = float(np.max(now.get("ctl.apply.T_max", trip.actuator.torque)))
@@ -62,8 +63,11 @@ class AxleTick:
         """Loop of the numbers of an ``axle_loop``.
 
         Raises:
-            BadInput: a dead time that is too long.
+            BadInput: a dead time that is too long; another sample time than that of the loop.
         """
+        if abs(float(n["T"]) - self.period) > 1e-12:
+            raise BadInput(f"T = {float(n['T']):g} s, but the controller runs every"
+                           f" {self.period:g} s; its sample time is built in")  # fmt: skip
         key = tuple((k, n.get(k)) for k in ("T", "lag", "dead", "K", "v", "goal"))
         if key not in self.made:
             self.made = {key: self._built(n)}
@@ -89,7 +93,8 @@ class AxleTick:
         numbers = wheel(self.trip)
         force = told / (numbers.r**2 / numbers.J + 1 / numbers.m)
         kept_next, T_cmd = self._controlled(control, kept, s + noise, T_b, force + wrong, told, v)
-        first, rest = (wait[0], ca.vertcat(wait[1:], T_cmd)) if ticks else (T_cmd, wait)
+        waits = [*ca.vertsplit(wait), T_cmd] if ticks else [T_cmd]
+        first, rest = waits[0], ca.vertcat(*waits[1:])
         rate = lambda x: ca.vertcat(  # noqa: E731
             numbers.r / numbers.J * x[1] - height * fall(x[0]) - self.steady + w,
             (first - x[1]) / lag if lag else 0,
@@ -112,7 +117,9 @@ class AxleTick:
         start = control.start()
         begin = np.array([float(np.max(start[k])) for k in control.states])
         guess = float(fall(self.goal) + self.steady) * numbers.J / numbers.r
-        return Built(loop, _Rest(f, len(states), begin, guess, self.goal, int(ticks)).cell)
+        begun = wheel(self.trip, self.part.reference).v_best
+        first = np.concatenate([[self.goal], np.full(1 + int(ticks), guess), begin])
+        return Built(loop, _Rest(f, first, begun, len(begin)).cell)
 
     def _fall(self, v: float) -> Any:
         """D of the slip in symbols or numbers."""
@@ -166,15 +173,18 @@ def loop_law(trip: Trip, part: SlipLaw | OwnLaw, loop: Block) -> Block:
 class _Rest:
     """Finds the rest of a tick by Newton steps, in floats."""
 
-    def __init__(
-        self, f: ca.Function, many: int, begin: np.ndarray, guess: float, goal: float, ticks: int
-    ) -> None:
-        z = ca.SX.sym("z", many + 4)
+    def __init__(self, f: ca.Function, first: np.ndarray, begun: float, kept: int) -> None:
+        """Take a tick, its states with a guess of the torque, and where the law begins.
+
+        Args:
+            f: the tick. first: states. begun: slip at which the law begins. kept: number of states
+                of the law, the last ones.
+        """
+        z = ca.SX.sym("z", len(first) + 4)
         after = f(z)
         self.f = ca.Function("after", [z], [after, ca.jacobian(after, z)])
-        self.many, self.goal = many, goal
-        self.first = np.concatenate([[goal], np.full(1 + ticks, guess), begin])
-        self.kept = len(begin)
+        self.many, self.goal, self.begun = len(first), float(first[0]), begun
+        self.first, self.kept = first, kept
 
     def cell(self, slow: tuple[tuple[Fraction, Fraction], ...]) -> Cell:
         """Cell of a range of the height, with the rest and how it moves.
@@ -193,9 +203,14 @@ class _Rest:
         return Cell(slow, tuple(rest), (tuple(map(Fraction, moves)),))
 
     def _settled(self, height: float) -> np.ndarray:
-        """States after the controller has seen the slip at rest for a while."""
+        """States after the controller has seen the slip come to rest, and stay there for a while.
+
+        It comes from where the law begins: a reference waits while the slip is far from it.
+        """
         x = self.first.copy()
-        for _ in range(SETTLING):
+        way = np.linspace(self.begun, self.goal, SETTLING)
+        for slip in (*way, *np.full(SETTLING, self.goal)):
+            x[0] = slip
             after = np.array(self.f(np.concatenate([x, [0, 0, 0, height]]))[0])[:, 0]
             x[self.many - self.kept :] = after[self.many - self.kept :]
         return x

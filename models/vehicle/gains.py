@@ -68,6 +68,7 @@ class Ranges:
         tube: share of the best slip. speed: of the vehicle in m/s.
         numbers: range of each number of the wheel that is drawn: m, J, r.
         scale: range of the factor on each parameter of the rail.
+        together: parameters of the rail that have one factor, by draw.
         untold: whether the mass is drawn of the plant alone, so that the controller has another.
     """
 
@@ -76,15 +77,22 @@ class Ranges:
     numbers: Mapping[str, Range]
     scale: Mapping[str, Range]
     untold: bool = False
+    together: tuple[tuple[str, ...], ...] = ()
 
     def halved(self) -> dict[str, Ranges]:
         """The same with one range half as wide, by name, to see what each costs."""
         found = {"tube": replace(self, tube=self.tube / 2)}
-        for kind in ("numbers", "scale"):
-            for name, (lo, hi) in getattr(self, kind).items():
-                half = ((3 * lo + hi) / 4, (lo + 3 * hi) / 4)
-                found[name] = replace(self, **{kind: {**getattr(self, kind), name: half}})
+        for name, ends in self.numbers.items():
+            found[name] = replace(self, numbers={**self.numbers, name: _half(ends)})
+        for names in self.together:
+            halves = {name: _half(self.scale[name]) for name in names}
+            found[" and ".join(names)] = replace(self, scale={**self.scale, **halves})
         return found
+
+
+def _half(ends: Range) -> Range:
+    lo, hi = ends
+    return (3 * lo + hi) / 4, (lo + 3 * hi) / 4
 
 
 PLACES = {"m": ("m", "plant.m", "plant.train.m"), "J": ("J",), "r": ("r",)}
@@ -95,6 +103,7 @@ def ranges(trip: Trip) -> tuple[Ranges, tuple[str, ...]]:
     """Ranges of a trip's ensemble, and the names of draws that no bound hears."""
     numbers: dict[str, Range] = {}
     scale: dict[str, Range] = {}
+    together: list[tuple[str, ...]] = []
     left: list[str] = []
     drawn = trip.ensemble
     params = rail_law(trip).params
@@ -111,14 +120,18 @@ def ranges(trip: Trip) -> tuple[Ranges, tuple[str, ...]]:
         if match is None:
             raise BadInput(f'ensemble.scale.{name}: {text!r}; write "0.8:1.2 of NAME, NAME"')
         lo, hi = (parse_quantity(match[k], "1", f"ensemble.scale.{name}") for k in (1, 2))
+        group: list[str] = []
         for place in (p.strip() for p in match[3].split(",")):
             head, _, own = place.rpartition(".")
             if head == "plant.train.adh" and own in params:
-                scale[own] = (lo, hi)
+                group.append(own)
             elif not place.startswith("rail."):
                 left.append(place)
+        scale |= dict.fromkeys(group, (lo, hi))
+        together += [tuple(group)] if group else []
     untold = drawn is not None and "m" in numbers and "m" not in drawn.draw
-    found = Ranges(trip.certify.tube, max(trip.vehicle.speed, 1.0), numbers, scale, untold)
+    speed = max(trip.vehicle.speed, 1.0)
+    found = Ranges(trip.certify.tube, speed, numbers, scale, untold, tuple(together))
     return found, tuple(left)
 
 

@@ -53,13 +53,14 @@ def test_the_shipped_pid_is_proved_and_a_plain_run_stays_inside(tmp_path):
         certificate.check(bad)
 
 
-def axle(n, height, J=110.0, r=0.42, M=38e3, c=0.18, a=0.54, b=1.2, davis=2.65e3):
-    """Largest |e| of the PID of Zhang behind a lag and a dead time on double exponentials."""
+def axle(n, height, J=110.0, r=0.42, M=38e3, c=0.09, tail=0.03, a=0.54, b=1.2, davis=2.65e3):
+    """Largest |e| of the PID of Zhang behind a lag and a dead time on exponentials and a tail."""
     K, W, lag = float(n["K"]), float(n["W"]), float(n["lag"])
     late, goal = round(float(n["dead"] / n["T"])), float(n["goal"])
 
     def curve(s):
-        return height * (r * r / J + 4 / M) * M * 9.81 / 4 * c * (np.exp(-a * s) - np.exp(-b * s))
+        mu = c * (np.exp(-a * s) - np.exp(-b * s)) + tail * (1 - np.exp(-b * s))
+        return height * (r * r / J + 4 / M) * M * 9.81 / 4 * mu
 
     def run(push):
         rest = J / r * (curve(goal) + davis / M)
@@ -79,6 +80,37 @@ def axle(n, height, J=110.0, r=0.42, M=38e3, c=0.18, a=0.54, b=1.2, davis=2.65e3
     h = run(np.array([1e-3] + [0.0] * 3000))[1]
     signs = np.sign(h[::-1])
     return max(run(W * signs)[0], run(-W * signs)[0])
+
+
+@pytest.mark.parametrize(("b", "far"), [(1.2, True), (4.0, True), (2.0, False)])
+def test_the_rest_is_found_however_far_it_is_from_the_first_guess(tmp_path, b, far):
+    """The reference waits while the slip ratio is more than 0.02 off; it begins at 1.21 m/s."""
+    system, n = asked(tmp_path, ("s = 0.03 }", f"s = 0.03, b = {b} }}"))
+    grid = np.linspace(0.2, 3.0, 28_001)
+    mu = 0.09 * (np.exp(-0.54 * grid) - np.exp(-b * grid)) + 0.03 * (1 - np.exp(-b * grid))
+    goal = float(n["goal"])
+    assert goal == pytest.approx(grid[mu.argmax()], abs=2e-4)
+    assert (abs(goal - 1.21) > 0.02 * float(n["v"])) == far
+    cell = system.loop.build(n).rest(((n["least"], n["most"]),))
+    assert cell.rest[0] == n["goal"]
+    middle = float(n["least"] + n["most"]) / 2
+    fall = middle * (0.42**2 / 110 + 4 / 38e3) * 38e3 * 9.81 / 4 * mu.max()
+    davis = (1.2e3 + 12 * 50 / 3 + 4.5 * (50 / 3) ** 2) / 38e3
+    assert float(cell.rest[1]) == pytest.approx(110 / 0.42 * (fall + davis), rel=1e-6)
+
+
+def test_a_draw_is_a_height_only_where_it_multiplies_the_whole_curve(tmp_path):
+    """c alone leaves the tail as it is, so that the peak moves; a factor of 1 shows nothing."""
+    both, c = "plant.train.adh.c, plant.train.adh.s", "plant.train.adh.c"
+    masses = [(0.42**2 / 110 + 4 / m) * m for m in (34e3, 38e3, 42e3)]
+    least, most = masses[0] / masses[1], masses[2] / masses[1]
+    for changes, low, high in (
+        ([], 0.8, 1.2), ([(both, c)], 1.0, 1.0), ([(both, c), ("0.8:1.2", "0.8:1")], 1.0, 1.0),
+        ([(both, c), ("exponential_tail", "double_exponential"), (", s = 0.03", "")], 0.8, 1.2),
+    ):  # fmt: skip
+        _, n = asked(tmp_path, *changes)
+        found = float(n["least"]), float(n["most"])
+        assert found == pytest.approx((least * low, most * high), rel=1e-9)
 
 
 def test_the_pid_as_it_was_shipped_is_refuted_by_a_run(tmp_path):
@@ -111,6 +143,17 @@ def test_more_push_lag_or_dead_time_is_never_easier(tmp_path):
                 built.loop.states))  # fmt: skip
             widths.append(find_cell(built.loop, built.rest((cell,)), bounds)[1][0])
         assert widths == sorted(widths)
+
+
+def test_a_dead_time_of_few_ticks_is_asked_and_another_sample_time_refused(tmp_path):
+    """A tick waits in one state; the block has its sample time inside."""
+    for dead, states in (("0 ms", 0), ("1 ms", 1), ("2 ms", 2)):
+        system, n = asked(tmp_path, ('dead_time = "20 ms"', f'dead_time = "{dead}"'))
+        built = system.loop.build(n)
+        assert sum(s.startswith("q") for s in built.loop.states) == states
+        assert proofs.write(system, n)["verdict"] == CERTIFIED
+    with pytest.raises(BadInput, match="sample time"):
+        system.loop.build({**n, "T": Fraction(1, 500)})
 
 
 def test_a_rail_on_which_the_demand_rules_has_no_certificate(tmp_path):
