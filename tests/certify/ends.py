@@ -76,8 +76,9 @@ def main() -> int:
                 "tried": len(found.tried),
                 "seconds": round(process_time() - start, 2),
             }
-            numbers.setdefault(name, {"system": system.name, "now": {}, "ends": {}})["ends"][of] = entry
-            numbers[name]["now"] = {k: told.get(k, 0.0) for k in ENDS}
+            now = {k: told.get(k, 0.0) for k in ENDS}
+            own = numbers.setdefault(name, {"system": system.name, "now": now, "ends": {}})
+            own["ends"][of] = entry
             print(name, of, entry, flush=True)
     if options.out:
         store.write_json(options.out, {
