@@ -64,7 +64,7 @@ def written(folder: Path, text: str, *changes: tuple[str, str]) -> resolve.Study
          ('start = { c = 0.7 }', 'slip = 0.05')],
         [('kind = "searched"                        #', 'kind = "speed" #'),
          ('start = { c = 0.7 }', 'slip = "1.2 m/s"')],
-        [('kind = "pid"\nK = "100 1/s"', 'kind = "barrier"'),
+        [('kind = "pid"\nK = "10 1/s"', 'kind = "barrier"'),
          ('kind = "sta"\nk1 = "20 m^.5/s^1.5"\nk2 = "10 m/s^3"', 'kind = "smc"')],
     ],
     ids=["as it is", "driven", "a share of the speed", "a slip speed", "other laws"],

@@ -85,8 +85,10 @@ def test_show_and_certify_know_it(tmp_path, monkeypatch, capsys):
     Path("metro.toml").write_text(METRO, encoding="utf-8")
     assert main(["show", "metro.toml"]) == 0
     assert "none, pid, super_twisting, predictive" in capsys.readouterr().out
-    assert main(["certify", "metro.toml:pid"]) == 2
-    assert "declares no gains of pid to certify: its integral" in capsys.readouterr().err
+    assert main(["certify", "metro.toml:pid"]) == 0
+    assert "axle_loop: CERTIFIED" in capsys.readouterr().out
+    assert main(["certify", "metro.toml:predictive"]) == 2
+    assert "declares no gains of predictive to certify: what it does" in capsys.readouterr().err
     loop, case = resolve.find_loop(resolve.load_study("metro.toml"), "none")
     assert case.scenario.duration == 17.0
     assert loop["plant.train"].choices["axles"] == 4
@@ -278,7 +280,8 @@ def test_a_number_of_a_law_of_ones_own_is_no_gravity(tmp_path, monkeypatch):
     """A gain g in N s stays what it is; tau in s is the lag of the actuator."""
     monkeypatch.chdir(tmp_path)
     own = 'block = "own.toml:mine"\ng = "8 kN s"\nreference = { kind = "speed", slip = "1 m/s" }'
-    text = METRO.replace('kind = "pid"\nK = "100 1/s"', f'kind = "file"\n{own}')
+    assert 'kind = "pid"\nK = "10 1/s"' in METRO
+    text = METRO.replace('kind = "pid"\nK = "10 1/s"', f'kind = "file"\n{own}')
     Path("my.toml").write_text(text, encoding="utf-8")
     Path("own.toml").write_text(
         '[mine]\nT_wanted = "g*(v_best - v_s)*tau/T_0"\n'
