@@ -9,6 +9,7 @@ height of the curve that the ensemble draws; what it draws beside is named.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 
 import numpy as np
 
@@ -102,12 +103,13 @@ class _Asked:
     def _heights(self, numbers: Mapping[str, float]) -> tuple[float, float]:
         """Least and largest height of the curve over that of the numbers, by mass and peak."""
         masses = self.over.numbers.get("m", (numbers["m"],) * 2)
-        ends = [self.over.scale[names[0]] for names in self._height_draws()]
+        ends = [self.over.scale[names[0]] for names in self._height_draws]
         peaks = [float(np.prod([e[k] for e in ends])) for k in (0, 1)]
         now = self._at_goal(**numbers)
         by_mass = [self._at_goal(**{**numbers, "m": m}) / now for m in masses]
         return min(by_mass) * min(peaks), max(by_mass) * max(peaks)
 
+    @cached_property
     def _height_draws(self) -> list[tuple[str, ...]]:
         """Parameters that are drawn together and multiply the whole curve."""
         slips = self.goal * np.linspace(0.25, 4.0, 16)
@@ -189,7 +191,7 @@ class _Asked:
         if not isinstance(self.trip.actuator, Lag):
             rows.append("a valve taken as the slower of its lags")
         drawn = [k for k in ("m",) if k in self.over.numbers]
-        drawn += [k for names in self._height_draws() for k in names]
+        drawn += [k for names in self._height_draws for k in names]
         if drawn:
             rows.append(f"over the ensemble's {', '.join(drawn)}")
         other = [*self.left, *(k for k in (*self.over.numbers, *self.over.scale) if k not in drawn)]
