@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from slipctl.models.vehicle import axle_loops
-from slipctl.models.vehicle.gains import gains, reasons_without_certificate
+from slipctl.models.vehicle.certificate import axle_loops
+from slipctl.models.vehicle.certificate.gains import gains, reasons_without_certificate
 from slipctl.models.vehicle.parts import Trip, number_with_unit
 from slipctl.models.vehicle.trip import case
 from slipctl.run.roles import Signals

@@ -14,7 +14,7 @@ from slipctl.certify.catalogue import system_of_gains
 from slipctl.certify.entries import DoesNotHold
 from slipctl.certify.promise import CERTIFIED, REFUTED, exact_numbers
 from slipctl.errors import BadInput
-from slipctl.models.vehicle import axle_loops
+from slipctl.models.vehicle.certificate import axle_loops
 from slipctl.models.vehicle.trip import case
 from slipctl.study.files import trip_files
 

@@ -13,7 +13,8 @@ from slipctl.models.cheng_2022 import freight_resistance
 from slipctl.models.huang_2020 import subway_braking
 from slipctl.models.predictive import predictive_speed
 from slipctl.models.ranges import probe_ranged
-from slipctl.models.vehicle import control, gains, of_study, parts
+from slipctl.models.vehicle import control, of_study, parts
+from slipctl.models.vehicle.certificate import gains
 from slipctl.models.wang_2025 import hst_traction_adhesion, hst_traction_control
 from slipctl.models.wheel_rail import contact_reference
 from slipctl.models.wheel_rail.axles import Axles, rolling

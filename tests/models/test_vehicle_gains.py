@@ -7,7 +7,7 @@ import pytest
 
 from slipctl import BadInput
 from slipctl.commands import cli
-from slipctl.models.vehicle import gains as asked
+from slipctl.models.vehicle.certificate import gains as asked
 from slipctl.models.vehicle.trip import loop
 from slipctl.study.files import trip_files
 

@@ -191,7 +191,8 @@ def _estimated(loop: Block, s: Signal, text: str, name: str) -> str:
         return "adhesion curve"  # coordinates of a law that is fitted
     own = {n.rpartition(".")[0] for n in loop.states if loop.states[n].truth}
     truth = meant_signal(loop, text, own)
-    doc = loop.declared(truth).doc.partition(",")[0] if truth else ""
+    signal = (loop.outputs.get(truth) or loop.declared(truth)) if truth else None
+    doc = signal.doc.partition(",")[0] if signal else ""
     return doc or text
 
 

@@ -17,10 +17,10 @@ from slipctl import Block, Gains
 from slipctl.analysis.bounds import enclosure
 from slipctl.certify.axle_loop import axle_system
 from slipctl.certify.systems import System
-from slipctl.models.vehicle import gains as bounds
-from slipctl.models.vehicle.axle_tick import AxleTick, gain_of, loop_law, short_curve
+from slipctl.models.vehicle.certificate import gains as bounds
+from slipctl.models.vehicle.certificate.axle_tick import AxleTick, gain_of, loop_law, short_curve
+from slipctl.models.vehicle.certificate.own_gains import why_not
 from slipctl.models.vehicle.control import slip_law, wheel
-from slipctl.models.vehicle.own_gains import why_not
 from slipctl.models.vehicle.parts import Constant, Controller, Lag, OwnLaw, SlipLaw, Trip
 from slipctl.models.vehicle.trip import rail_law
 

@@ -27,7 +27,13 @@ from slipctl import BadInput, Block, Gains, Input, Output, Param, connect, law
 from slipctl.analysis.bounds import enclosure, largest_slope
 from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.models.common_form import ADDED
-from slipctl.models.vehicle.own_gains import Range, Tube, Withstood, as_reaching, why_not
+from slipctl.models.vehicle.certificate.own_gains import (
+    Range,
+    Tube,
+    Withstood,
+    as_reaching,
+    why_not,
+)
 from slipctl.models.vehicle.parts import (
     Lag,
     OwnLaw,
