@@ -67,8 +67,8 @@ def _fault(slips: np.ndarray, mu: np.ndarray) -> str:
     if mu.min() < -size:
         at = int(np.flatnonzero(mu < -size)[0])
         return (
-            f"adhesion is {mu[at]:.3g} at a slip of {slips[at]:.3g} m/s: it pushes the wheel the"
-            " way it slips; write a law with the sign of the slip at all speeds of the trip"
+            f"adhesion is {mu[at]:.3g} at a slip of {slips[at]:.3g} m/s, the wrong sign;"
+            " write a law with the sign of the slip at all speeds of the trip"
         )
     if mu.max() > 1:
         at = int(np.flatnonzero(mu > 1)[0])

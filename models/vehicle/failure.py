@@ -5,8 +5,8 @@
 ``trust`` judges every input before anything else sees it, and hands on numbers that are finite
 and in their ranges. What it does not believe of one axle stays with that axle, and the vehicle's
 speed has a fall-back of its own. ``safe`` gives an axle its demand where slip control cannot be
-relied on: while a sample of its own is not believed, after a start, below the cut-off speed, and
-when it has been released for too long.
+relied on. That is while a sample of its own is not believed, after a start, below the cut-off
+speed, and when it has been released for too long.
 
 The speed that is believed follows from the momentum of vehicle and wheels together. The rail turns
 one into the other, so their sum changes by the brakes alone, whatever the adhesion is:

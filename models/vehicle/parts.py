@@ -570,8 +570,8 @@ class SlipControl(Part):
     off: float = number("m/s", 1.0, "speed below which it is off and the demand is given",
                         lo=0, hi=10)  # fmt: skip
     safe: str | float = text_field("", "what an axle gets whose samples are not believed: 'demand',"
-                             " 'hold', or a torque, never above the demand; none given: the demand"
-                             " of a braked vehicle, 0 of a driven one")  # fmt: skip
+                             " 'hold', or a torque below the demand; none given: the demand, 0"
+                             " for a driven vehicle")  # fmt: skip
     demand_lost: str | float = text_field("", "demand .2 s after it is no number any more:"
                                     " 'largest', or a torque; none given: the largest of a"
                                     " braked vehicle, 0 of a driven one")  # fmt: skip

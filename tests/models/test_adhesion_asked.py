@@ -65,7 +65,7 @@ def trip(tmp_path: Path, **changes: str):
 
 
 LAWS = {
-    "pushes": ("mu = -k*v_s where v_s [m/s], k = 0.1 s/m", 'k = "0.1 s/m"', "pushes the wheel"),
+    "pushes": ("mu = -k*v_s where v_s [m/s], k = 0.1 s/m", 'k = "0.1 s/m"', "the wrong sign"),
     "step": ("mu = k*v_s/v_s where v_s [m/s], k = 0.05", "k = 0.05", "without slip"),
     "offset": ("mu = k + v_s/v_0 where v_s [m/s], k = 0.05, v_0 = 100 m/s", "k = 0.05",
                "without slip"),

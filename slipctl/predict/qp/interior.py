@@ -14,8 +14,8 @@ t n = m with n = w + q t - l, Newton's linear equations, those of one recursion:
     l+ = (s l + m + l (r+ - t0))/(s + d l),  s+ = t+ - r+                   (firm: t0 = d = 0)
 
 so that a row adds R' W R and R' (W (e - t0) + (s l + m)/(s + d l)), W = l/(s + d l), to the cost.
-In place of r+ a row has r+ - ease (l+ - l), a step of the method of multipliers: else the W of a
-row with next to no slack turns a rounding of r into a multiplier that is wrong by a hundred.
+In place of r+ a row has r+ - ease (l+ - l), a step of the method of multipliers. Without it the W
+of a row with next to no slack turns a rounding of r into a multiplier that is wrong by a hundred.
 Two solutions a step, after Mehrotra (1992): one for m = 0, whose success chooses m, one with its
 product of steps taken off. Of a short step a part is taken off. Then m falls, and nothing cycles.
 At the end the statuses are read off and the active set makes its passes from them, which gives the

@@ -48,9 +48,8 @@ def warnings_of_log(loop: Block, scenario: Scenario, log: Values) -> list[str]:
     """What the log of a whole run gives reason to doubt, one line each.
 
     An estimate is doubted that is off by more than three of its own deviations for longer than a
-    second. So is a limit that is active for more than half of the run, a state that leaves the
-    range that it declares, a step whose residual does, and a power that takes (its range begins at
-    0) where it gives energy.
+    second. So is a limit that is active for more than half of the run, and a state or a residual
+    that leaves its declared range. So is a power that takes, with a range from 0, where it gives.
 
     Args:
         loop, scenario: the run.
