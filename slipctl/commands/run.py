@@ -89,7 +89,7 @@ class _Run:
         self.keep.clear(wanted)
         self._metrics("running, or ended before its end")
         judged = cache(self._claims)  # once, while figures are drawn
-        self._tell(self._question())
+        self._tell_early(self._question())
         try:
             execution.run(
                 results.study, results.cases, self.models, quick=results.quick,
@@ -99,7 +99,7 @@ class _Run:
             )  # fmt: skip
             self._found_tables()
             self.progress.end()
-            self._tell(self._answers())
+            self._tell_early(self._answers())
             self._metrics()
             self._save(
                 "report.html",
@@ -125,6 +125,11 @@ class _Run:
         if text and not self.options.json:
             self.progress.end()
             print(text, end="\n\n", flush=True)
+
+    def _tell_early(self, text: str) -> None:
+        """Print before all is written: where nobody can read it, the last print says so."""
+        with suppress(OSError):
+            self._tell(text)
 
     def _question(self) -> str:
         """What is asked and, of a study, what its answer is: before anything has run."""
