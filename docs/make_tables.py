@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from slipctl.block.units.unit_algebra import display_scale
-from slipctl.run.metrics import Metric
-from slipctl.study.report.texts import alike, left_out, number, times
+from slipctl.run.metrics import METRICS, Metric
+from slipctl.study.report.texts import left_out, number, same_for_all, times
 
 DOCS = Path(__file__).resolve().parent
 TABLE = re.compile(r"(<!-- table (.+?) -->\n).*?(<!-- end -->)", re.S)
@@ -72,11 +72,9 @@ def metrics(results: Path, words: list[str]) -> str:
         loop: {n: Metric(m["value"], m["unit"], tuple(m.get("rows", ()))) for n, m in f.items()}
         for loop, f in loops.items()
     }
-    still = {n: alike(n, [times(m[n].value, 1.0) for m in every.values() if n in m])
-             for n in names}  # fmt: skip
-    rails = {n: " / ".join(r for k, r in enumerate(m[n].rows) if k not in still[n])
-             for m in every.values() for n in names if n in m}  # fmt: skip
-    names = [n for n in names if n not in units or not still[n] or rails[n]]
+    rails = {n: " / ".join(m[n].rows) for m in every.values() for n in names if n in m}
+    lists = {n: [times(m[n].value, 1.0) for m in every.values() if n in m] for n in names}
+    names = [n for n in names if not lists[n] or not same_for_all(n, lists[n])]
     head = ["loop"]
     for n in names:
         unit = f" [{units[n][1]}]" if n in units and units[n][1] != "1" else ""
@@ -85,18 +83,19 @@ def metrics(results: Path, words: list[str]) -> str:
     for loop, found in loops.items():
         cells = []
         for n in names:
-            cells.append("" if n not in found else shown(found[n]["value"], *units[n], still[n]))
+            cells.append("" if n not in found else shown(n, found[n]["value"], *units[n]))
         rows.append([f"`{loop}`", *cells])
     asked = {k: {n: m for n, m in f.items() if n in words} for k, f in every.items()}
     return rows_to_text(head, rows) + "".join(f"{text}.\n\n" for text in left_out(asked))
 
 
-def shown(value: Any, factor: float, unit: str, still: list[int]) -> str:
-    """Value of a metric: ways to the centimetre, of a list the rails that tell loops apart."""
+def shown(name: str, value: Any, factor: float, unit: str) -> str:
+    """Value of a metric: ways to the centimetre, the numbers of all rails beside each other."""
     if unit == "m":
         return f"{value:.2f}"
-    cells = [v for k, v in enumerate(times(value, factor)) if k not in still]
-    return " / ".join(number(v, 3) for v in cells)
+    missing = "never" if METRICS[name].event else "–"
+    cells = [missing if v is None else number(v, 3) for v in times(value, factor)]
+    return " / ".join(cells)
 
 
 def experiment(results: Path, words: list[str]) -> str:

@@ -194,7 +194,7 @@ def ranked_rows(results: Results, scenario: str) -> list[tuple[list[str], list[i
         factor, unit = display_scale(next(iter(found.values())).unit)
         digits = 6 if unit == "m" else 4  # ways differ in their centimetres
         lists = {k: times(m.value, factor) for k, m in found.items()}
-        if name not in limits and _same_for_all(name, list(lists.values())):
+        if name not in limits and same_for_all(name, list(lists.values())):
             continue
         cells = [
             _cell(lists[loop], digits, d.event, above[loop].get(name, ())) if loop in lists else ""
@@ -220,7 +220,7 @@ def _cell(values: Sequence[Any], digits: int, event: bool, above: Sequence[int])
     return " / ".join(text + MARK * (k in above) for k, text in enumerate(told))
 
 
-def _same_for_all(name: str, lists: Sequence[Sequence[Any]]) -> bool:
+def same_for_all(name: str, lists: Sequence[Sequence[Any]]) -> bool:
     """Whether an event tells no loop from another: none reached it, or all settled at once."""
     every = {v for values in lists for v in values}
     return METRICS[name].event and (every <= {None} or every <= {0})
@@ -300,7 +300,7 @@ def left_out(loops: Mapping[str, Mapping[str, Metric]], limits: Container[str] =
     lines = []
     for name, d in METRICS.items():
         lists = [times(m[name].value, 1.0) for m in loops.values() if name in m]
-        if not d.event or not lists or name in limits or not _same_for_all(name, lists):
+        if not d.event or not lists or name in limits or not same_for_all(name, lists):
             continue
         never = all(v is None for values in lists for v in values)
         if name == "stopping_distance":
