@@ -78,7 +78,7 @@ def test_a_plain_run_does_the_experiments_that_the_study_names(monkeypatch, tmp_
     small = {n: Experiment(n, lambda context: Table("t", {"one": ("1", [1.0])})) for n in "ab"}
     case = cases({}, False)[1]
     few = replace(
-        study, experiments=small, plain=("car", "a"), claims=(), figures={},
+        study, experiments=small, plain=("car", "a"), claims=(), headline="", figures={},
         cases=lambda models, quick: [replace(case, loops={"pid": case.loops["pid"]})],
     )  # fmt: skip
     monkeypatch.setattr("slipctl.study.resolve.load_study", lambda name: few)

@@ -43,7 +43,7 @@ def test_every_start_and_number_of_a_plant_has_an_end(name):
      ("wheel.omega", 1e300)],
 )  # fmt: skip
 def test_a_run_from_a_start_beyond_its_ends_is_refused(name, start, wrong):
-    plant = sampled(PLANTS[name](), 1e-3, "rk4")
+    plant = sampled(PLANTS[name](), 1e-3, "rk4", substeps=2)
     with pytest.raises(BadInput, match=start.replace(".", r"\.")):
         simulate(plant, Scenario("short", 0.01, start={start: wrong}), compile=False)
 
