@@ -81,6 +81,7 @@ class _Run:
             log.info("--set reaches the loops of the scenarios, not those that experiments build")
         total = sum(len(c.loops) for c in cases) + len(experiments)
         self.progress = Progress(total, sys.stderr, options.quiet)
+        self.unprinted: OSError | None = None
 
     def answer(self) -> int:
         """Run, write and print; gives the exit code."""
@@ -116,15 +117,20 @@ class _Run:
             self._tell(self._summary(verdicts))
         for where, why in results.failed.items():
             log.error("%s failed: %s", where, why)
+        if self.unprinted:
+            raise self.unprinted
         if "report.html" not in results.failed and not self.options.json:
             print(out / "report.html")
         return 1 if results.failed else 0
 
     def _tell(self, text: str) -> None:
-        """Print for a person, at once."""
-        if text and not self.options.json:
+        """Print for a person, at once; where that fails, the run goes on and tells it at its end."""
+        if text and not self.options.json and not self.unprinted:
             self.progress.end()
-            print(text, end="\n\n", flush=True)
+            try:
+                print(text, end="\n\n", flush=True)
+            except OSError as error:  # nobody reads any more, or a full disk
+                self.unprinted = error
 
     def _question(self) -> str:
         """What is asked and, of a study, what its answer is: before anything has run."""
