@@ -124,7 +124,7 @@ class _Run:
         return 1 if results.failed else 0
 
     def _tell(self, text: str) -> None:
-        """Print for a person, at once; where that fails, the run goes on and tells it at its end."""
+        """Print for a person, at once; where that fails, the run goes on and says so at its end."""
         if text and not self.options.json and not self.unprinted:
             self.progress.end()
             try:
