@@ -25,6 +25,9 @@ KEYS = {
 }  # fmt: skip
 """Keys of a vehicle's file that the parameters of a trial fill, and its dead time."""
 
+STEPS = {"actuator.dead_time": 1e-3}
+"""Keys that a vehicle's file takes in whole steps: a dead time, in samples of 1 ms."""
+
 CHOSEN = "start of a fit"
 
 SLOPE = Input("1", "gradient, rise over run, uphill positive", value=0.0, lo=-0.1, hi=0.1)

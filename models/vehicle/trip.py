@@ -44,7 +44,6 @@ from slipctl.block.units.unit_algebra import unit
 from slipctl.errors import Faults, nearest
 from slipctl.models import sensors
 from slipctl.models.common_form import ADDED, T_S
-from slipctl.models.vehicle import wheels
 from slipctl.models.vehicle.adhesion import law_faults
 from slipctl.models.vehicle.control import numbers_of, vehicle_control
 from slipctl.models.vehicle.parts import (
@@ -62,6 +61,7 @@ from slipctl.models.vehicle.parts import (
     number_with_unit,
 )
 from slipctl.models.vehicle.plant import on_train, plant
+from slipctl.models.vehicle.wheels import bounded_speed, known_radii, learnt_radii
 from slipctl.run.results import Loops
 from slipctl.study.resolve import load_block
 
@@ -322,7 +322,7 @@ def _vehicle_speed(trip: Trip, parts: dict[str, Block], wires: dict[str, str]) -
         wires["speed.u"] = "plant.train.v"
         return "speed.y"
     driven = trip.vehicle.mode == "drive"
-    block = wheels.bounded_speed(len(trip.vehicle.worked), driven)
+    block = bounded_speed(len(trip.vehicle.worked), driven)
     parts["speed"] = block.with_params(a_max=part.rate, margin=part.margin, beside=part.beside)
     wires |= {"speed.omega": wires["ctl.omega"], "speed.torque": "plant.T"}
     return "speed.v_m"
@@ -340,7 +340,7 @@ def _one_radius(trip: Trip, parts: dict[str, Block], measured: dict[str, str]) -
     worn = np.array(trip.believed) / r
     if not trip.learns and (worn == 1).all():
         return measured
-    block = wheels.learnt_radii(n) if trip.learns else wheels.known_radii(n)
+    block = learnt_radii(n) if trip.learns else known_radii(n)
     numbers = {"r": r, "m_axle": trip.vehicle.total / trip.vehicle.axles, "g": trip.vehicle.gravity}
     parts["radius"] = block.with_params(
         worn=worn, **{k: v for k, v in numbers.items() if k in block.params}

@@ -103,7 +103,7 @@ class Report:
             f = d["fuzz"]
             lines.append(f"  libFuzzer: {f['executions']} runs in {f['seconds']} s, {f['said']}")
         if "proof" in d:
-            lines.append(f"  {module_proof.summary(d['module_proof'])}")
+            lines.append(f"  {module_proof.summary(d['proof'])}")
         if not self._right:
             lines += [
                 f"  {c['compiler']}: {c['own_test']}; {c['faults']} ticks with another status;"

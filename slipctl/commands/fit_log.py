@@ -68,11 +68,11 @@ def run(options: argparse.Namespace, block: Block, command: str) -> str:
         log.debug("%s", line)
     for line in (*notes, *found.notes, *found.doubts):
         log.warning("%s", line)
-    keys = keys_of(options.law)
+    keys, steps = keys_of(options.law)
     store.write_json(folder / "fit.json", payload(found, options.law, [*done, *notes], command))
     store.write_text(folder / "residuals.csv", residuals_text(found))
     if keys:
-        store.write_text(folder / KEYS_FILE, keys_text(found, keys))
+        store.write_text(folder / KEYS_FILE, keys_text(found, keys, steps))
     plots.save(figure(found), folder, "fit", command)
     return report(found, folder, keys)
 
@@ -163,18 +163,18 @@ def _values(recording: Recording, source: Source) -> np.ndarray:
     return y
 
 
-def keys_of(law: str) -> dict[str, str]:
-    """Keys of a vehicle's file that the parameters of a model fill."""
+def keys_of(law: str) -> tuple[dict[str, str], dict[str, float]]:
+    """Keys of a vehicle's file that the parameters of a model fill, and what steps some have."""
     module, _, name = law.rpartition(".")
     homes = [m for m, (_, blocks) in resolve.models().items() if name in blocks]
     if len(homes) != 1 or module not in ("", homes[0]):
-        return {}
-    found = getattr(registry.module("models", homes[0]), "KEYS", {})
-    return dict(found.get(name, {}))
+        return {}, {}
+    home = registry.module("models", homes[0])
+    return dict(getattr(home, "KEYS", {}).get(name, {})), dict(getattr(home, "STEPS", {}))
 
 
-def keys_text(found: FittedOverTime, keys: Mapping[str, str]) -> str:
-    """The lines of a vehicle's file."""
+def keys_text(found: FittedOverTime, keys: Mapping[str, str], steps: Mapping[str, float]) -> str:
+    """The lines of a vehicle's file, which takes some keys in whole steps only."""
     lines, last = [f"# {origin(found.sources)}"], ""
     for n, key in keys.items():
         if n not in found.values:
@@ -183,7 +183,9 @@ def keys_text(found: FittedOverTime, keys: Mapping[str, str]) -> str:
         if table != last:
             lines += ["", f"[{table}]"]
         last, unit = table, found.unit(n)
-        value = f"{found.values[n]:.6g}"
+        step = steps.get(key)
+        whole = step * round(found.values[n] / step) if step else found.values[n]
+        value = f"{whole:.6g}"
         said = f'{name} = "{value} {unit}"' if unit != "1" else f"{name} = {value}"
         lines.append(f"{said:39}  # +- {found.std[n]:.2g}")
     return "\n".join(lines) + "\n"

@@ -17,6 +17,7 @@ from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.compile.files import WARNINGS
 from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.request import Content
 from slipctl.commands.cli import main
 
 CC = compilers.first_compiler()
@@ -138,7 +139,8 @@ def test_tables_lie_in_their_section(tmp_path):
     """Tables move, and nothing else does."""
     plan = Plan(BLOCKS["tables"], "t")
     plain, placed = (
-        {f: codegen.texts(plan, (), s)[f] for f in plan.files} for s in (None, ".flash_tables")
+        {f: codegen.texts(plan, Content(const_section=s))[f] for f in plan.files}
+        for s in (None, ".flash_tables")
     )
     mark = ' __attribute__((section(".flash_tables")))'
     tables = re.findall(r"static const .*\] =", "".join(plain.values()))
@@ -176,9 +178,9 @@ def test_what_does_not_fit_is_refused(scaled, said, tmp_path):
 
 def test_what_is_advised_holds_it(tmp_path):
     with pytest.raises(BadInput) as told:
-        codegen.texts(Plan(part, "p"), ["v=uint8:0.01m/s"])
+        codegen.texts(Plan(part, "p"), Content(scaled=["v=uint8:0.01m/s"]))
     advised = re.search(r"a resolution of (\S+) m/s", str(told.value))[1]
-    assert codegen.texts(Plan(part, "p"), [f"v=uint8:{advised}m/s:-5m/s"])
+    assert codegen.texts(Plan(part, "p"), Content(scaled=[f"v=uint8:{advised}m/s:-5m/s"]))
 
 
 def test_the_command_takes_them(tmp_path, capsys):

@@ -38,8 +38,8 @@ LONGER = {
     "hst_braking:eppfc_free": (710, 428, 0.05),
     "hst_traction:smc_limited": (366, 634, 0.076),
     "freight_traction:smes_robust": (126, 265, 0.055),
-    "predictive:nmpc": (1229, 237, 0.093),
-    "all_rails:nmpc": (1255, 275, 0.093),
+    "predictive:nmpc": (1241, 237, 0.088),
+    "all_rails:nmpc": (1279, 275, 0.079),
     "hst_traction:mpc": (441, 302, 0.068),
     "hst_traction:mpc_limited": (705, 643, 0.086),
 }

@@ -137,9 +137,6 @@ def test_full_that_was_stopped_ends_in_the_same_files(
 
     with monkeypatch.context() as patch:
         patch.setattr(jobs, "_attempt", stopped)
-        patch.setattr(
-            results_folder, "early_sections", lambda *_: {}
-        )  # jobs are runs and experiments
         assert main(command) == 130
     assert set(files_of_it()) < set(whole)
     assert main(command) == 0
@@ -205,7 +202,7 @@ def test_a_stopped_run_says_so_and_leaves_nothing_of_another(number: int) -> Non
     run("--full")
     process = started(slow(), "--quick", "--full", "--set", "car.m=12t", "--out", "o")
     assert process.stdout is not None
-    assert process.stdout.readline() == "sleeping\n"
+    assert "sleeping\n" in process.stdout  # behind what the study asks
     process.send_signal(number)
     _, err = process.communicate(timeout=300)
     assert process.returncode == 130, err

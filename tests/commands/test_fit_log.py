@@ -89,12 +89,18 @@ def test_a_brake_step_gives_gain_lag_and_dead_time(capsys):
 
 def test_what_a_trial_gives_is_taken_by_a_vehicle(capsys):
     """Each key stands in the file as it is, and ``--set`` knows the rest by the same names."""
+    steps()
+    said(capsys, STEPS)
+    found = tomllib.loads(Path("fit/keys.toml").read_text())["actuator"]
+    assert found["dead_time"] == "0.043 s"  # whole samples; fit.json has what was found
     said(capsys, ["new", "metro"])
     text = Path("metro.toml").read_text()
     text = text.replace('a = "1.2 kN"', 'a = "1186.79 N"').replace(
-        'lag = "60 ms"', 'lag = "0.07 s"'
+        'lag = "60 ms"', f'lag = "{found["lag"]}"'
     )
-    text = text.replace('dead_time = "20 ms"', 'dead_time = "0.0443 s"\ngain = 0.93')
+    text = text.replace(
+        'dead_time = "20 ms"', f'dead_time = "{found["dead_time"]}"\ngain = {found["gain"]}'
+    )
     Path("metro.toml").write_text(text)
     assert {k for keys in KEYS.values() for k in keys.values()} == {
         *(f"vehicle.resistance.{n}" for n in "abc"),
@@ -102,7 +108,7 @@ def test_what_a_trial_gives_is_taken_by_a_vehicle(capsys):
     }
     loop, _ = resolve.find_loop(trip_files.load("metro.toml"), "none")
     values = loop.param_values()
-    assert float(values["plant.act.gain.k"].ravel()[0]) == 0.93
+    assert float(values["plant.act.gain.k"].ravel()[0]) == found["gain"]
     assert float(values["plant.res.c0"]) == 1186.79
     for n in ("c0", "c1", "c2", "tau"):
         assert loop.find(n, "param")

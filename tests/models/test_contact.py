@@ -336,13 +336,13 @@ def test_surface_table(tmp_path, caplog):
             "surface,k_A,k_S,A,B\nx,1,.5,.4,.5\n",
             "has the columns surface, k_A, k_S, A, B; a surface",
         ),
-        (HEAD + "x,1,.5,.4,.5\n", "line 2 has 5 columns, its head 6"),
+        (HEAD + "x,1,.5,.4,.5\n", "line 2 has 5 cells, its head 6"),
         (HEAD + "x,1,.5,.4,.5,.5\ny,0,.5,.4,.5,.5\n", "line 3: k_A = 0 1 is out of range"),
         (HEAD + "x,1,.5,.4,.5,1.5\n", "line 2: mu_0 = 1.5 1 is out of range"),
-        (HEAD + "x,1,.5,.4,.5,much\n", "line 2: 'much' is no number"),
-        (HEAD + "x,1,.5,.4,.5,nan\n", "line 2: 'nan' is no number"),
+        (HEAD + "x,1,.5,.4,.5,much\n", "'much' in line 2 is no number"),
+        (HEAD + "x,1,.5,.4,.5,nan\n", "line 2: mu_0 is NaN"),
         (HEAD + "x,1,.5,.4,.5,.3\nx,1,.5,.4,.5,.3\n", "line 3: 'x' is no name, or the second"),
-        (HEAD, "has no rows"),
+        (HEAD, "has no head above rows of numbers"),
     ],
 )
 def test_bad_surface_table(tmp_path, text, words):

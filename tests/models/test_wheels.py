@@ -117,16 +117,19 @@ def test_a_worn_wheelset_takes_no_brake_away_on_dry_rail(small, believed):
     assert (np.abs(by_wheels - v)[late] <= log["speed.error"].values[late]).all()
 
 
-def test_who_does_not_learn_brakes_with_three_axles_and_the_run_says_so():
+def test_who_does_not_learn_loses_brake_at_first_and_the_run_says_so():
+    """The smaller wheel makes the speed too high; it takes torque until the bound has grown."""
     made = trip(control=SlipControl(radius=0.42, learn=False), reference=SlipSpeed(slip=0.5))
     found = case(made)
     from slipctl import prepare
 
     log = prepare(found.loops["pid"], found.scenario, compile=False)(doubt=True)
-    assert (log["ctl.T_cmd"][-500:, :2] < 0.5 * log["demand.T_demand"][-500:, None]).all()
-    (line,) = [t for t in log.told() if t.startswith("slip control holds")]
-    assert log.told()[0] == line
-    assert "of axle" in line
+    share = log["ctl.T_cmd"] / np.maximum(log["demand.T_demand"], 1)[:, None]
+    assert share[200:400, :2].min() < 0.5
+    assert share[-500:].min() > 0.99
+    line = log.told()[0]
+    assert line.startswith("the speed that is made of the wheels")
+    assert "further off than" in line
 
 
 def test_a_loop_of_equal_wheels_with_a_measured_speed_has_no_such_part():

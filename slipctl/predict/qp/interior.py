@@ -123,8 +123,10 @@ class Interior:
                 d[i] = t[at] / over
                 t0[i] = (t[at] * n[at] + m - c2[at] - t[at] * w[at]) / over
                 at += 1
-        below = s + (d + ease) * l  # r - ease (l+ - l) in place of r+
-        return d, t0, l / below, (s * l + m - c1 + ease * l**2) / below
+        yielding = d + ease  # r - ease (l+ - l) in place of r+
+        below = s + yielding * l
+        product = s * l + m - c1
+        return d, t0, l / below, (product + ease * l**2) / below
 
     def _symbols(self, m: int) -> tuple[Any, tuple[Any, ...]]:
         """Symbol of the packed (l, s, t, n, corrections), and its pieces."""
@@ -306,7 +308,8 @@ class Interior:
         solve = self._solution()
         zero = [ca.MX.zeros(self._lengths[0]), ca.MX.zeros(self._lengths[2])]
         # as a share of the multipliers: a row must weigh more than the cost, of whatever size
-        ease = EASE / (1 + ca.mmax(now[0])) if self.bounded else EASE_OF_UNKNOWNS
+        heaviest = ca.mmax(now[0])
+        ease = EASE / (1 + heaviest) if self.bounded else EASE_OF_UNKNOWNS
         whole = solve(*now, *zero, ca.vertcat(0, ease), *data)[2:]
         ahead = [b - a for a, b in zip(now, whole, strict=True)]
         reach = reach_of(now, ahead, 1.0)
@@ -338,7 +341,8 @@ class Interior:
         solved = ca.logic_or(residual < END, still)
         near = short < SMALL
         if self.bounded:  # a row that is still eased is not kept
-            near = ca.logic_and(near, ease * ca.mmax(ca.fabs(ahead[0])) < EASED)
+            farthest = ca.mmax(ca.fabs(ahead[0]))
+            near = ca.logic_and(near, ease * farthest < EASED)
         enough = ca.logic_and(residual < ENOUGH, near)
         solved = ca.logic_and(solved, near)
         open_ = ca.if_else(solved, 0, ca.if_else(enough, NEARLY, 1))
