@@ -90,7 +90,7 @@ class _Run:
         self.keep.clear(wanted)
         self._metrics("running, or ended before its end")
         judged = cache(self._claims)  # once, while figures are drawn
-        self._tell_early(self._question())
+        self._tell(self._question())
         try:
             execution.run(
                 results.study, results.cases, self.models, quick=results.quick,
@@ -100,7 +100,7 @@ class _Run:
             )  # fmt: skip
             self._found_tables()
             self.progress.end()
-            self._tell_early(self._answers())
+            self._tell(self._answers())
             self._metrics()
             self._save(
                 "report.html",
@@ -124,18 +124,13 @@ class _Run:
         return 1 if results.failed else 0
 
     def _tell(self, text: str) -> None:
-        """Print for a person, at once; where that fails, the run goes on and tells it at its end."""
+        """Print for a person, at once; where that fails, the run goes on and says so at its end."""
         if text and not self.options.json and not self.unprinted:
             self.progress.end()
             try:
                 print(text, end="\n\n", flush=True)
             except OSError as error:  # nobody reads any more, or a full disk
                 self.unprinted = error
-
-    def _tell_early(self, text: str) -> None:
-        """Print before all is written: where nobody can read it, the last print says so."""
-        with suppress(OSError):
-            self._tell(text)
 
     def _question(self) -> str:
         """What is asked and, of a study, what its answer is: before anything has run."""
