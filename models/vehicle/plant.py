@@ -32,7 +32,7 @@ from slipctl import (
 from slipctl.models.brakes import brake, brake_gain
 from slipctl.models.common_form import T_S
 from slipctl.models.shared_names import SLOPE
-from slipctl.models.vehicle.parts import Lag, Valve, Vehicle
+from slipctl.models.vehicle.parts import Actuator, Lag, Valve, Vehicle
 from slipctl.models.wheel_rail.axles import Axles, rolling
 from slipctl.models.zhang_2021.ep_valve import air_brake, dead_time, ep_valve
 from slipctl.models.zhang_2021.hst_braking import davis
@@ -117,7 +117,7 @@ def valve_brake() -> Block:
     )  # fmt: skip
 
 
-def actuator(part: Lag | Valve) -> Block:
+def actuator(part: Actuator) -> Block:
     """Actuator of one axle, from ``T_cmd`` to ``T_b``, with the numbers of the part."""
     if isinstance(part, Valve):
         P_max = 600e3
@@ -172,7 +172,7 @@ def motor_limit(part: Lag, radius: float) -> Block:
     return limit
 
 
-def plant(vehicle: Vehicle, part: Lag | Valve, adhesion: Block) -> Block:
+def plant(vehicle: Vehicle, part: Actuator, adhesion: Block) -> Block:
     """Connect actuators, axles, resistance and contact.
 
     Its input is ``T_cmd``, the command of each axle that has an actuator, seen as a braked one. It
