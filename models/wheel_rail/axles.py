@@ -214,6 +214,7 @@ def rolling(
         outputs += [
             each(Output("W", "power that the contact of an axle takes"), "P_contact"),
             Output("m", "way of this step").named("way"),
+            each(Output("m", "place of an axle"), "at"),
         ]
     settle = adhesion.of_equations(
         ("settle", n, h, apart_in_law, standing),
@@ -277,6 +278,7 @@ def rolling(
             outputs["omega_d"] = omega[list(motors)]
         if beside:
             outputs |= {"P_contact": count * F * (r * mean - v_mean), "way": h * v_mean}
+            outputs["at"] = x["x"] - p["behind"]
         return dict(x=x["x"] + h * v_mean, v=v_next, omega=omega_next), outputs
 
     def rebuild(parts: dict[str, Block]) -> Block:

@@ -1,29 +1,27 @@
 """A rail that remembers: wheels that slide clean it for the wheels behind them.
 
     f   = (1 - lam) k f_fouled + lam f_clean                     adhesion of a wheel
-    lam = 1 - exp(-(tau W)^n - S/S_0 - t/T_dry)                  share that is recovered
+    lam = 1 - exp(-(tau W)^n - t/T_dry)                          share that is recovered
     W   energy per metre of one rail that the wheels before have left;  behind a wheel  W + P/(2 v)
 
-P is the heat of the contact of an axle, half of it on each rail. Outside the contaminated places lam
-is 1. k lowers the curve of the layer to the peak of a place. With n = 1 the rail recovers with the
-first joule, n = 2 stands for two layers, of which the lower one starts late. S is sand in g per
-metre of one rail.
+P is the heat of the contact of an axle, half of it on each rail. Outside the contaminated places
+lam is 1. k lowers the curve of the layer to the peak of a place. With n = 1 the rail recovers with
+the first joule, n = 2 stands for two layers, of which the lower one starts late.
 
 Form: blend of two steady curves, Voltr and Lata, Vehicle System Dynamics 53 (2015) 605; dissipated
 energy, Allotta, Meli, Ridolfi, Rindi, Tribology International 69 (2014) 128. Only their abstracts
 were read: the exponential and its numbers are a user's.
 
-The field moves with the train. Cells of one length are counted from the point that is foremost, an
-axle or a sand nozzle, backwards. When that point enters a new cell, all cells move up by one and the
-last one is left behind. So an axle is always in one of two cells, which its distance behind the
-first one says. Nothing is looked up, the energy of a step is divided exactly among the cells that
-the wheel crosses, and derivatives are those of the equations. A train that rolls back stays, for
-the rail, at the place that it had reached.
+The field moves with the train. Cells of one length are counted from the first axle backwards. When
+it enters a new cell, all cells move up by one and the last one is left behind. So an axle is always
+in one of two cells, which its distance behind the first one says. Nothing is looked up, and the
+energy of a step is divided exactly among the cells that a wheel crosses. What an axle leaves in the
+cell where it is, it does not find itself. A train that rolls back stays, for the rail, at the place
+that it had reached.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +29,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl import BadInput, Block, Input, Output, Param, State, connect, law, make_block
+from slipctl.block.transforms.replication import signal_of_copies
 
 USER = "of the user; no published value could be read"
 EVERYWHERE = 1e7
@@ -44,7 +43,7 @@ def blend(
     recovered=Input("1", "share that is recovered", value=1.0),
     height=Input("1", "factor on the adhesion under the layer", value=1.0),
 ):
-    """mu = (1 - recovered) height fouled + recovered clean."""
+    """Between two curves, (1 - recovered) height fouled + recovered clean."""
     return (1 - recovered) * height * fouled + recovered * clean
 
 
@@ -67,12 +66,11 @@ def blended_law(fouled: Block, clean: Block) -> Block:
 
 @dataclass(frozen=True)
 class Cells:
-    """Cells of the rail from the foremost point of a train backwards.
+    """Cells of the rail from the first axle backwards.
 
     Args:
         behind: place of each axle behind the first one, in m, rising.
         length: of a cell in m.
-        ahead: how far the foremost point is before the first axle, in m.
 
     Raises:
         BadInput: cells longer than the least distance between axles: two would be in one.
@@ -80,7 +78,6 @@ class Cells:
 
     behind: tuple[float, ...]
     length: float = 0.25
-    ahead: float = 0.0
 
     def __post_init__(self) -> None:
         apart = np.diff(self.behind)
@@ -92,20 +89,17 @@ class Cells:
                 f" axles, which would be in one; write at most {apart.min():g} m"
             )
 
-    def places(self, points: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-        """Whole cells and the rest, as a share, by which points lie behind the foremost one.
-
-        Args:
-            points: behind the first axle, in m.
-        """
-        cells = (np.asarray(points, dtype=float) + self.ahead) / self.length
+    @property
+    def places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Whole cells, and the rest as a share, by which each axle is behind the first one."""
+        cells = np.asarray(self.behind, dtype=float) / self.length
         whole = np.floor(cells + 1e-9)
         return whole.astype(int), np.maximum(cells - whole, 0.0)
 
     @property
     def count(self) -> int:
         """How many there are."""
-        return int(self.places(self.behind[-1:])[0][0]) + 2
+        return int(self.places[0][-1]) + 2
 
 
 def _at(field: Any, whole: np.ndarray, early: Any) -> Any:
@@ -123,7 +117,12 @@ def _onto(size: int, whole: np.ndarray, early: Any, values: Any) -> Any:
 
 
 def rail_field(
-    cells: Cells, h: float, places: int = 1, own: bool = False, fading: bool = False
+    cells: Cells,
+    h: float,
+    places: int = 1,
+    own: bool = False,
+    drying: bool = False,
+    fouling: bool = False,
 ) -> Block:
     """Make the rail under a train, from the heat of each contact to what each wheel finds.
 
@@ -132,35 +131,37 @@ def rail_field(
         h: step in s.
         places: how many contaminated stretches there are.
         own: whether a wheel finds what it does itself, by the heat of the step before.
-        fading: whether cleaned rail is fouled again with time.
+        drying: whether the layer dries by itself, in a time ``T_dry`` from the start on.
+        fouling: whether cleaned rail is fouled again, in a time ``T_foul``.
 
     Returns:
-        Step with the inputs ``x``, ``way``, ``P`` (heat of the contact of each axle) and the outputs
-        ``recovered``, ``height``, ``W_seen`` of each axle and ``E_rail``, the energy on both rails.
+        Step with the inputs ``at`` (place of each axle), ``way`` and ``P`` (heat of the contact of
+        each axle), which a train gives as ``at``, ``way`` and ``P_contact``. It gives
+        ``recovered``, ``height`` and ``W_seen`` of each axle, and ``E_rail``, the energy on both
+        rails.
     """
     n, size = len(cells.behind), cells.count
-    whole, rest = cells.places(cells.behind)
+    whole, rest = cells.places
 
     def each(signal: Any, name: str) -> Any:
-        from slipctl.block.transforms.replication import signal_of_copies
-
         return signal_of_copies(signal.named(name), n)
 
     stretch = {"shape": (places,)}
     states = [
         State("J/m", 0.0, "energy per metre of one rail, cell by cell", shape=(size,)).named("W"),
         each(State("J/m", 0.0, "energy that an axle has left in the cell where it is"), "laid"),
-        State("1", 0.0, "share of its cell that the foremost point has passed", lo=0, hi=1).named(
+        State("1", 0.0, "share of its cell that the first axle has passed", lo=0, hi=1).named(
             "phase"
         ),
         State("m", 0.0, "how far the train has rolled back", lo=-1e7, hi=0).named("back"),
         State("J", 0.0, "energy on both rails behind the cells").named("E_behind"),
-        State("s", 0.0, "time since the start").named("t"),
     ]
+    if drying:
+        states.append(State("s", 0.0, "time since the start").named("t"))
     if own:
         states.append(each(State("J/m", 0.0, "energy of its own contact"), "W_own"))
     inputs = [
-        Input("m", "position of the first axle").named("x"),
+        each(Input("m", "place of an axle"), "at"),
         Input("m", "way of this step").named("way"),
         each(Input("W", "power that the contact of an axle takes"), "P"),
     ]
@@ -173,12 +174,12 @@ def rail_field(
         Param("1", np.ones(places), "factor on its adhesion", lo=0, hi=100, **stretch).named(
             "factor"
         ),
-        Param("s", 1e9, "time in which a layer dries by itself", USER, lo=1e-3).named("T_dry"),
-        each(Param("m", 0.0, "place behind the first axle"), "behind").valued(
-            np.array(cells.behind)
-        ),
     ]
-    if fading:
+    if drying:
+        params.append(
+            Param("s", 600.0, "time in which a layer dries by itself", USER, lo=1e-2).named("T_dry")
+        )
+    if fouling:
         params.append(
             Param("s", 600.0, "time in which rail is fouled again", USER, lo=1e-2).named("T_foul")
         )
@@ -198,8 +199,10 @@ def rail_field(
         early = phase < ca.DM(rest)
         seen = _at(W, whole, early)
         found = ca.fmax(seen + (x["W_own"] if own else 0), 0)
-        effort = ca.fmax(p["tau"] * found, 1e-300) ** p["n"] + x["t"] / p["T_dry"]
-        at = u["x"] - p["behind"]
+        effort = ca.fmax(p["tau"] * found, 1e-300) ** p["n"]
+        if drying:
+            effort = effort + x["t"] / p["T_dry"]
+        at = u["at"]
         fouled, height = 0, 1e9
         for k in range(places):
             inside = ca.logic_and(at >= p["start"][k], at < p["end"][k])
@@ -215,7 +218,7 @@ def rail_field(
         leaves = within + ahead >= 1
         laid = x["laid"] + share * left
         V = W + _onto(size, whole, early, ca.if_else(leaves, laid, 0))
-        if fading:
+        if fouling:
             V = V * ca.exp(-h / p["T_foul"])
         enters = phase + ahead >= 1
         following = dict(
@@ -224,8 +227,9 @@ def rail_field(
             phase=ca.fmax(0, phase + ahead - enters),
             back=ca.fmin(move, 0),
             E_behind=x["E_behind"] + ca.if_else(enters, 2 * cells.length * V[-1], 0),
-            t=x["t"] + h,
         )
+        if drying:
+            following["t"] = x["t"] + h
         if own:
             speed = ca.fmax(ca.fabs(u["way"]) / h, p["v_0"])
             following["W_own"] = ca.fmax(u["P"], 0) / (2 * speed)
@@ -237,6 +241,8 @@ def rail_field(
     return make_block(
         "field", "step", body, states=states, inputs=inputs, params=params, outputs=outputs,
         period=h, sx=False, doc=__doc__ or "",
-        choices={"cells": size, "cell in m": cells.length} | ({"own contact": True} if own else {})
-        | ({"fouled again": True} if fading else {}),
+        choices={"cells": size, "cell in m": cells.length} | {
+            name: True for name, chosen in
+            (("own contact", own), ("drying", drying), ("fouled again", fouling)) if chosen
+        },
     )  # fmt: skip

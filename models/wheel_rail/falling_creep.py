@@ -35,7 +35,7 @@ SURFACES = {
     measured_to=0,
     meant_to=math.inf,
 )
-def creep(
+def falling_creep(
     v_s=Input("m/s", "creep, rim minus train", positive="traction", per="speed"),
     v=Input("m/s", "train speed"),
     mu_0=Param("1", 0.15, "friction without slip", EXAMPLE, lo=1e-3, hi=1),
