@@ -237,7 +237,8 @@ def rolling(
         v_s = r * omega - v
         N, law = p["m_axle"] * p["g"], [p[s.name] for s in law_params]
         law += [u[s.name] for s in beside]
-        at, height = peaks(v, *law) if peaks is not None else ([], [])
+        near = ca.mmin(side * free - N * r**2 / a) <= 0  # its creep may be that of a locked one
+        at, height = peaks(near, v, *law) if peaks is not None else ([], [])
         F, locked, residual = settle(
             v_s, v, free, a / r**2, N, ca.sign(stop), count, h / m, u["F_d"],
             *([at] if standing else []), *law,
@@ -334,7 +335,10 @@ def _adhesion(law: Block, v_s: Any, v: Any, values: Sequence[Any]) -> Any:
 def _peaks(
     adhesion: Block, own: Sequence[str], law_params: Sequence[Signal], n: int
 ) -> ca.Function:
-    """Creep and height of the largest adhesion under each axle of a slow train; 0 of a fast one."""
+    """Creep and height of the largest adhesion under each axle, where they can be needed; else 0.
+
+    They are needed of a slow train of which a wheel is ``near`` its stand.
+    """
     names = [s.name for s in law_params]
     v = ca.SX.sym("v")
     values = [ca.SX.sym(name) for name in names]
@@ -345,13 +349,14 @@ def _peaks(
     one = ca.Function("peak", [v, *values], [best, height], {"cse": True})
     once = [0, *(1 + j for j, name in enumerate(names) if name not in own)]
     each = one.map(f"peak_x{n}", "serial", n, once, [])
-    v_m = ca.MX.sym("v")
+    v_m, near = ca.MX.sym("v"), ca.MX.sym("near")
     given = [v_m, *(ca.MX.sym(s.name.replace(".", "_"), s.size) for s in law_params)]
     found = each.call([row if i in once else row.T for i, row in enumerate(given)])
     slow = ca.Function("slow", given, [row.T for row in found])
     fast = ca.Function("fast", given, [ca.MX.zeros(n), ca.MX.zeros(n)])
     due = ca.Function.if_else("peaks", slow, fast)
-    return ca.Function("peaks_of", given, due.call([ca.fabs(v_m) < PEAKS[-1], *given]))
+    needed = ca.logic_and(near, ca.fabs(v_m) < PEAKS[-1])
+    return ca.Function("peaks_of", [near, *given], due.call([needed, *given]))
 
 
 def _axle(adhesion: Block, names: Sequence[str], standing: bool = False) -> dict[int, ca.Function]:
