@@ -41,4 +41,4 @@ from slipctl.models.vehicle.parts.sensors import (
     WheelsOnly,
 )
 from slipctl.models.vehicle.parts.trip import Assumed, Drawn, Limits, Trip
-from slipctl.models.vehicle.parts.vehicle import Davis, Vehicle
+from slipctl.models.vehicle.parts.vehicle import Car, Davis, Vehicle
