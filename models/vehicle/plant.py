@@ -10,7 +10,6 @@ braked wheel; a driven one is seen in the mirror, see models/common_form.py.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from slipctl import (
     Input,
     Output,
     Param,
-    State,
     connect,
     flip_sign,
     law,
@@ -34,6 +32,7 @@ from slipctl import (
 from slipctl.models.brakes import brake, brake_gain
 from slipctl.models.common_form import T_S
 from slipctl.models.shared_names import SLOPE
+from slipctl.models.vehicle.cars import load_transfer, masses_of_axles, pads_of_axles
 from slipctl.models.vehicle.parts import Actuator, Lag, Valve, Vehicle
 from slipctl.models.wheel_rail.axles import Axles, rolling
 from slipctl.models.zhang_2021.ep_valve import air_brake, dead_time, ep_valve
@@ -174,36 +173,6 @@ def motor_limit(part: Lag, radius: float) -> Block:
     return limit
 
 
-def load_transfer(moved: Sequence[float]) -> Block:
-    """Load that moves onto each axle when the vehicle brakes, by the acceleration of the last tick.
-
-    Args:
-        moved: N of each axle by m/s^2 of deceleration.
-    """
-    n = len(moved)
-
-    def body(x: Any, u: Any, p: Any) -> Any:
-        return {"a_last": u["a"]}, {"dN": -p["by_a"] * x["a_last"]}
-
-    return make_block(
-        "transfer", "step", body, period=T_S,
-        states=[State("m/s^2", 0.0, "acceleration of the last tick", positive="traction").named(
-            "a_last")],
-        inputs=[Input("m/s^2", "acceleration of the train", positive="traction").named("a")],
-        params=[Param("kg", np.array(moved), "load that an axle gains by deceleration", ADDED,
-                      shape=(n,)).named("by_a")],
-        outputs=[Output("N", "load that moves onto an axle", shape=(n,)).named("dN")],
-        doc="dN_i = -k_i a: quasi-static, body and bogies pitch at once.",
-    )  # fmt: skip
-
-
-def _carried(vehicle: Vehicle) -> dict[str, Any]:
-    """What each axle carries, as the train has it."""
-    if len(set(vehicle.carried)) == 1:
-        return {"m_axle": vehicle.carried[0]}
-    return {"share": np.array(vehicle.carried) / vehicle.total}
-
-
 def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None = None) -> Block:
     """Connect actuators, axles, resistance and contact.
 
@@ -226,9 +195,8 @@ def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None
     r: Any = np.array(vehicle.radii) if "r" in apart else vehicle.wheel_radius
     law_ = adhesion if field is not None else on_train(adhesion)
     train = rolling(law_, axles, T_S, apart=apart, standing=True).with_params(
-        m=vehicle.total, J=vehicle.inertias if len(set(vehicle.inertias)) > 1 else
-        vehicle.wheel_inertia, r=r, **_carried(vehicle),
-        g=vehicle.gravity, B_t=0.0, v=vehicle.speed,
+        m=vehicle.total, r=r, **masses_of_axles(vehicle), g=vehicle.gravity, B_t=0.0,
+        v=vehicle.speed,
     )  # fmt: skip
     one = actuator(part)
     c0, c1, c2 = vehicle.resistance.of(vehicle.total)
@@ -255,9 +223,14 @@ def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None
         parts["motor"] = replicate(mirror("N m", "traction"), many)
         wires |= {"motor.u": torque, "train.T": "motor.y"}
     else:
+        pads = pads_of_axles(vehicle)
+        if pads is not None:
+            parts["pads"] = pads
+            wires |= {"pads.T": torque, "pads.omega": "train.omega"}
+            torque = "pads.T_b"
         wires["train.T_b"] = torque
     if moves:
-        parts["transfer"] = load_transfer(vehicle.moved)
+        parts["transfer"] = load_transfer(vehicle)
         wires |= {"transfer.a": "train.a", "train.dN": "transfer.dN"}
     if field is not None:
         parts["field"] = field

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slipctl import BadInput, simulate
+from slipctl.models.brake_pads import friction
 from slipctl.models.vehicle import (
     Constant,
     Davis,
@@ -23,7 +24,7 @@ from slipctl.models.vehicle import (
     loop,
     scenario,
 )
-from slipctl.models.vehicle.parts import Car
+from slipctl.models.vehicle.parts import Car, Pads
 
 COACH = Car(
     mass=32e3 + 2 * 2.615e3 + 4 * 1.813e3, wheelbase=2.56, bogie_centres=19.0, length=26.4,
@@ -175,3 +176,50 @@ def test_cars_that_do_not_fit_are_refused(make, words):
 def test_running_resistance_by_mass_is_that_of_all_cars():
     vehicle = train(Car(mass=30e3), Car(mass=60e3), resistance=Davis(a=900.0))
     assert vehicle.resistance.of(vehicle.total)[0] == 900.0
+
+
+# ---- pads ----------------------------------------------------------------------------------------
+
+
+def test_friction_of_the_materials_has_the_numbers_of_its_source():
+    """practice_models 6.5: cast iron at 20 kN .305, .122, .096 at 0, 60, 120 km/h."""
+    found = [friction("cast_iron", 20e3, v / 3.6) for v in (0, 60, 120)]
+    assert found == pytest.approx([0.305, 0.122, 0.096], abs=5e-4)
+    assert friction("composite", 20e3, 100 / 3.6) == pytest.approx(0.3 - 0.081)
+    assert friction("cosid", 1e3, 50.0) == 0.27
+    assert friction("disc", 10e3, 0.0) == pytest.approx(0.2375 + 0.00885 - 0.0345)
+
+
+def test_cast_iron_brakes_harder_as_the_train_slows():
+    """The torque at the wheel is that of the actuator times the friction by the nominal one."""
+    vehicle = train(Car(mass=60e3), pads=Pads(material="cast_iron", nominal=0.15, blocks=16))
+    log = run(trip(vehicle, demand=Constant(deceleration=0.4), duration=30.0))
+    k = [np.argmax(log["plant.train.v"].values < v) for v in (18.0, 10.0, 2.0)]
+    T, T_b = log["plant.T"].values[:, 0], log["plant.pads.T_b"].values[:, 0]
+    for row in k:
+        force = T[row] / (0.15 * 0.46 * 16)
+        rim = log["plant.train.omega"].values[row, 0] * 0.46
+        assert T_b[row] / T[row] == pytest.approx(friction("cast_iron", force, rim) / 0.15)
+    assert T_b[k[2]] / T[k[2]] > 1.5 * T_b[k[0]] / T[k[0]]
+
+
+def test_hot_pads_fade_and_their_heat_is_that_of_the_brake():
+    """C theta is the energy that the brake has taken, where nothing cools."""
+    pads = Pads(material="cosid", heat_capacity=1e4, fade=1e-3, fade_from=20.0)
+    log = run(trip(train(Car(mass=60e3), pads=pads), demand=Constant(deceleration=0.6)))
+    theta = log["plant.pads.theta"].values
+    taken = np.cumsum(log["plant.train.P_brake"].values)[:-1] * 1e-3
+    assert 1e4 * theta[1:].sum(axis=1) == pytest.approx(taken, rel=1e-3, abs=200)
+    hot = theta[-1, 0] - 20
+    assert hot > 20
+    assert log["plant.pads.mu_pad"].values[-1, 0] == pytest.approx(0.27 * (1 - 1e-3 * hot))
+
+
+def test_pads_that_say_nothing_are_refused():
+    with pytest.raises(BadInput, match="fade: pads without heat_capacity"):
+        Pads(fade=0.01)
+    with pytest.raises(BadInput, match="pads: are of a braked vehicle"):
+        train(Car(mass=60e3), pads=Pads(), mode="drive")
+    strong = train(Car(mass=60e3), Car(mass=60e3, pads=Pads(material="disc", blocks=2)))
+    with pytest.raises(BadInput, match=r"vehicle.cars.1.pads.blocks: 12000 N m are"):
+        trip(strong)

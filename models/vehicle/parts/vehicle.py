@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Literal
 
 from slipctl.models.vehicle.parts.declaration import Fault, Part, number, text_field
+from slipctl.models.vehicle.parts.pads import Pads
 from slipctl.study.files.declared_parts import Each
 
 
@@ -50,6 +51,7 @@ class Car(Part):
     bogie_mass: float = number("kg", 0.0, "of one bogie without wheelsets", lo=0, hi=1e5)
     bogie_height: float = number("m", 0.6, "of its centre of mass", lo=0, hi=3)
     wheelset_mass: float = number("kg", 0.0, "of one wheelset", lo=0, hi=1e4)
+    pads: Pads | None = text_field(None, "of its brakes; none: those of the vehicle")
 
     def misfits(self) -> Iterator[Fault]:
         """Masses and lengths that do not fit together."""
@@ -161,6 +163,7 @@ class Vehicle(Part):
         "1", None, "share of the mass without load, instead of the inertia", lo=1e-3, hi=1
     )
     resistance: Davis = text_field(Davis(), "running resistance")
+    pads: Pads | None = text_field(None, "of its brakes; none: a constant friction")
     speed: float = number("m/s", MISSING, "at the start", lo=0, hi=150)
     gravity: float = number("m/s^2", 9.81, "gravity", lo=1, hi=30)
 
@@ -187,6 +190,8 @@ class Vehicle(Part):
             yield "places", "must begin with 0 m and rise from axle to axle"
         if isinstance(self.radius, (int, float)) or len(self.radius) == self.axles:
             yield from self._impossible()
+        if self.mode == "drive" and any(self.each_pads):
+            yield "pads", "are of a braked vehicle; leave them out of a driven one"
         if self.driven is not None:
             if self.mode == "brake":
                 yield "driven", "is for a driven vehicle; write mode = 'drive'"
@@ -251,12 +256,27 @@ class Vehicle(Part):
         """Cars one by one."""
         return tuple(car for car in self.cars for _ in range(car.count))
 
+    def car_of(self, axle: int) -> int:
+        """Entry of the cars, from 0, to which an axle belongs."""
+        for k, car in enumerate(self.cars):
+            axle -= car.count * car.axles
+            if axle < 0:
+                return k
+        return 0
+
     @property
     def carried(self) -> tuple[float, ...]:
         """Mass that each axle carries, in kg: a car stands on its axles alike."""
         if not self.cars:
             return (self.total / self.axles,) * self.axles
         return tuple(car.total / car.axles for car in self.each_car for _ in range(car.axles))
+
+    @property
+    def each_pads(self) -> tuple[Pads | None, ...]:
+        """Pads of each axle."""
+        if not self.cars:
+            return (self.pads,) * self.axles
+        return tuple(car.pads or self.pads for car in self.each_car for _ in range(car.axles))
 
     @property
     def moved(self) -> tuple[float, ...]:
