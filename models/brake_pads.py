@@ -3,8 +3,8 @@
     T_b = T mu/mu_n,   mu = s mu(N, V) max(1 - f max(theta - theta_f, 0), 0),   N = T/(mu_n r_f n_b)
     C theta' = T_b |omega| - k theta
 
-T is the torque that the actuator would give at the nominal friction mu_n, so N is the force of one
-of n_b blocks, in kN below, and V is the rim speed in km/h:
+T is the torque that the actuator would give at the nominal friction mu_n. So N is the force of one
+of n_b blocks, in kN below. V is the rim speed in km/h:
 
     cast iron   0.6 (1.6 N + 100)/(8 N + 100) (V + 100)/(5 V + 100)      P10, Karwatzki's form
     composite   0.3 - 0.00081 V                                          FR513

@@ -128,9 +128,9 @@ def rolling(
         axles: see :class:`Axles`.
         h: step in s.
         distinct: further parameters of the law of which each axle has its own.
-        apart: of ``r`` and ``T_b`` those of which each axle has its own; ``share``, the share of
-            the train that each axle carries, in the place of its load; ``dN``, an input, the load
-            that moves onto an axle.
+        apart: of ``r`` and ``T_b`` those of which each axle has its own. With ``share`` the load
+            of an axle follows from its share of the train. ``dN`` is an input, the load that moves
+            onto an axle.
         standing: a train comes to a stand and is held there, see above.
 
     Returns:
