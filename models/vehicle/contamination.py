@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from slipctl import BadInput, Block, argmax
+from slipctl import BadInput, Block, Known, Rail, argmax
 from slipctl.errors import Faults, nearest
 from slipctl.models.common_form import T_S
 from slipctl.models.vehicle.adhesion import law_faults
@@ -100,7 +99,7 @@ def field_of_rail(trip: Trip) -> Block | None:
 SHARES = np.linspace(0.0, 1.0, 65)
 """Shares of the clean curve in the blend at which its peak is looked for."""
 
-READS = ("plant.train.v", "plant.field.recovered", "plant.field.height")
+READS = ("plant.train.v", "plant.field.recovered", "plant.field.height", "plant.train.x", "time")
 """Signals that the peak of the rail follows from."""
 
 
@@ -138,24 +137,28 @@ class Peaks:
         return self.slips[k, j], both * peak
 
 
-def peaks_under_axles(
-    trip: Trip, clean: Block, conditions: Sequence[str], section: Callable[[Any], np.ndarray]
-) -> Callable[[Any], tuple[np.ndarray, np.ndarray]]:
-    """Function of a log: best slip in m/s and peak under each axle, of a contaminated rail.
+def best_of_layer(trip: Trip, clean: Block, track: Rail) -> dict[str, Known]:
+    """Best slip and adhesion under each axle of a contaminated rail, which follow from the log.
 
     Args:
-        trip: the trip.
-        clean: law of its rail.
-        conditions: of the sections of the rail, in their order.
-        section: number of the section under each axle, from a log.
+        trip: the trip. clean: law of its rail. track: its rail, with the conditions of ``clean``.
     """
-    law = contaminated_law(trip, clean)
+    conditions = [s.condition or "" for s in track.sections]
+    law, behind = contaminated_law(trip, clean), trip.vehicle.behind
     known = {c: Peaks(law, c, trip.vehicle.speed) for c in dict.fromkeys(conditions)}
+    worked = list(trip.vehicle.worked)
+
+    def section(log: Any, shape: tuple[int, ...]) -> np.ndarray:
+        """Number of the section under each axle."""
+        at = np.broadcast_to(np.asarray(log["time"], dtype=float)[:, None], shape)
+        if trip.rail.placed:
+            at = np.asarray(log["plant.train.x"], dtype=float)[:, None] - np.array(behind)
+        return np.maximum(np.searchsorted(track.starts, at + 1e-9, side="right") - 1, 0)
 
     def found(log: Any) -> tuple[np.ndarray, np.ndarray]:
-        v, share, height = (np.asarray(log[name], dtype=float) for name in READS)
+        v, share, height = (np.asarray(log[name], dtype=float) for name in READS[:3])
         v = np.broadcast_to(np.abs(v)[:, None], share.shape)
-        here = section(log)
+        here = section(log, share.shape)
         slip, peak = np.zeros(share.shape), np.zeros(share.shape)
         for k, condition in enumerate(conditions):
             there = here == k
@@ -164,4 +167,10 @@ def peaks_under_axles(
             )
         return slip, peak
 
-    return found
+    return {
+        "rail.best_slip": Known(
+            "m/s", lambda log: found(log)[0][:, worked], "best slip, as the rail has it",
+            tuple(behind[k] for k in worked), READS),
+        "rail.best_adhesion": Known("1", lambda log: found(log)[1], "peak of the rail", behind,
+                                    READS),
+    }  # fmt: skip
