@@ -17,6 +17,8 @@ SIGNALS = Signals(
     speed="plant.train.v", position="plant.train.x", slip="slip.y",
     reference="ctl.reference.v_best", best_slip="rail.best_slip",
     adhesion="plant.train.mu", best_adhesion="rail.best_adhesion", torque="plant.T",
+    contact_power="plant.train.P_contact", wear_rate="contact.wear", flash="contact.flash",
+    energy_error="books.error",
 )  # fmt: skip
 
 LOG = (
@@ -25,7 +27,8 @@ LOG = (
     "ctl.watch.on", "ctl.probe.reference", "ctl.reference.v_best", "ctl.slip.v_s", "ctl.meter.mu_m",
     "ctl.curve.mu", "speed.y", "speed.v_m", "speed.error", "speed.sound", "radius.r_i",
     "radius.known", "wheel.y", "wheel.omega_m", "plant.field.recovered", "plant.field.height",
-    "plant.field.W_seen", "plant.train.P_contact",
+    "plant.field.W_seen", "plant.train.P_contact", "plant.train.E_kin", "plant.train.P_drive",
+    "plant.train.P_brake", "plant.train.P_bearing", "plant.train.P_slip", "plant.train.P_d",
 )  # fmt: skip
 """Signals that a log keeps of every loop."""
 

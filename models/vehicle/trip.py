@@ -45,6 +45,7 @@ from slipctl.errors import Faults, nearest
 from slipctl.models import sensors
 from slipctl.models.common_form import ADDED, T_S
 from slipctl.models.vehicle.adhesion import law_faults
+from slipctl.models.vehicle.books import known_of_trip
 from slipctl.models.vehicle.contamination import best_of_layer, contaminated_law, field_of_rail
 from slipctl.models.vehicle.control import numbers_of, vehicle_control
 from slipctl.models.vehicle.parts import (
@@ -474,4 +475,4 @@ def case(trip: Trip, name: str = "trip") -> Case:
     """The trip with each of its controllers."""
     common = Common(trip)
     loops = Loops({k: partial(loop, trip, c, common) for k, c in trip.controllers.items()})
-    return Case(scenario(trip, name), loops, best_of_rail(trip))
+    return Case(scenario(trip, name), loops, best_of_rail(trip) | known_of_trip(trip))

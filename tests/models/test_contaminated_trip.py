@@ -3,10 +3,14 @@
 import numpy as np
 import pytest
 
+from slipctl import simulate
 from slipctl.errors import BadInput, Faults
 from slipctl.models.vehicle import case, loop, scenario
+from slipctl.models.vehicle import study as vehicle_study
+from slipctl.run.measures.measured_run import Run
+from slipctl.run.metrics import measure
 from slipctl.run.preparation import prepare
-from slipctl.study import resolve
+from slipctl.study import execution, resolve
 from slipctl.study.files import trip_files
 
 FILE = """
@@ -193,3 +197,24 @@ def test_bad_input_is_one_line_with_its_key(tmp_path, old, new):
 def test_a_place_behind_the_end_of_the_run_is_refused(tmp_path):
     with pytest.raises(BadInput, match=r"places.0.from: is 60 m, and the run ends at 50 m"):
         read(tmp_path, FILE.replace('end = "standstill"', 'end = "50 m"'))
+
+
+def test_a_run_tells_what_its_wheels_have_taken(tmp_path):
+    """Metrics of a locked stop: books below 1e-9 (E1), heat that of the train, limits marked."""
+    text = FILE.replace(
+        "[controllers.none]", '[limits]\nlongest_lock = "0.4 s"\n[controllers.none]'
+    )
+    trip = read(tmp_path, text)
+    found, names = case(trip), {"plant.train.omega", "slip.y", "plant.T"}
+    log = simulate(loop(trip, "none"), scenario(trip))
+    log = execution.add_known(vehicle_study.study(trip), found, log)
+    got = {n: m.value for n, m in measure(Run(log, vehicle_study.SIGNALS)).items()}
+    assert names <= set(log)
+    assert got["energy_error"] < 1e-9
+    assert got["contact_energy"] == pytest.approx(float(log["plant.train.P_slip"].sum()) * 1e-3)
+    v, rim = log["plant.train.v"].values[:, None], 0.46 * log["plant.train.omega"].values
+    locked = ((rim < 0.05 * v) & (v > 1)).sum(axis=0)  # each axle once
+    assert got["longest_lock"] == pytest.approx(locked.max() * 1e-3, abs=2e-3)
+    assert got["flash_temperature"] > 720  # martensite: four locked wheels on clean rail
+    with pytest.raises(BadInput, match=r"limits.longest_lock: needs"):
+        read(tmp_path, text[: text.index("[rail.contamination]")] + text[text.index("[demand]") :])

@@ -22,6 +22,7 @@ from slipctl.models.vehicle.parts.demand import Constant, Most, Profile
 from slipctl.models.vehicle.parts.rail import Track
 from slipctl.models.vehicle.parts.sensors import Sensors, WheelsOnly
 from slipctl.models.vehicle.parts.vehicle import Vehicle
+from slipctl.run.measures.slide_metrics import SLIDES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +37,13 @@ class Limits(Part):
     slip_error_rms: float | None = number("m/s", None, "slip minus its reference", lo=0)
     torque_ripple: float | None = number("N m", None, "before each change of the rail", lo=0)
     jerk_rms: float | None = number("m/s^3", None, "of the vehicle", lo=0)
+    longest_slide: float | None = number("m", None, "of an axle that is 30 % slower", lo=0)
+    longest_lock: float | None = number("s", None, "of one axle", lo=0)
+    t_gamma: float | None = number("N", None, "energy into a contact by the metre", lo=0)
+    flat_energy: float | None = number("J", None, "into one spot of a locked wheel", lo=0)
+    wear: float | None = number("kg", None, "of the wheel that wears most", lo=0)
+    flash_temperature: float | None = number("K", None, "above wheel and rail", lo=0)
+    stop_jolt: float | None = number("m/s^2", None, "deceleration that ends at standstill", lo=0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,6 +152,12 @@ class Trip(Part):
             yield "sensors.vehicle_speed", "one axle that slips tells no speed; use another kind"
         yield from self._misplaced()
         yield from self._pressed()
+        for name in SLIDES:
+            if self.rail.contamination is None and getattr(self.limits, name, None) is not None:
+                yield (
+                    f"limits.{name}",
+                    "needs [rail.contamination], of which tau = 0 cleans nothing",
+                )
         for name in self.controllers:
             if not name.isidentifier() or name == "ideal":
                 yield f"controllers.{name}", "write a name of letters, digits and _; not 'ideal'"
