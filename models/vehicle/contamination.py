@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -73,25 +74,50 @@ def field_of_rail(trip: Trip) -> Block | None:
         return None
     peak = peak_of_layer(layer_law(trip, part), trip.vehicle.speed)
     cells = Cells(trip.vehicle.behind, part.cell)
-    block = rail_field(
-        cells,
-        T_S,
-        max(len(part.places), 1),
-        part.own,
-        part.drying is not None,
-        part.fouling is not None,
-    ).with_params(tau=part.tau, n=part.layers)
+    drawn = trip.ensemble.patches if trip.ensemble else None
+    most = max(len(part.places), drawn.many[1] if drawn else 0, 1)
+    fades = part.drying is not None, part.fouling is not None
+    block = rail_field(cells, T_S, most, part.own, *fades).with_params(tau=part.tau, n=part.layers)
     general = 1.0 if part.peak is None else part.peak / peak
     rows = [
         (p.begin, p.end, general if p.peak is None else p.peak / peak) for p in part.places
     ] or [(-EVERYWHERE, EVERYWHERE, general)]
-    begin, end, factor = (np.array(column) for column in zip(*rows, strict=True))
-    given = {"start": begin, "end": end, "factor": factor}
+    given: dict[str, Any] = dict(_columns(rows, most))
     if part.drying is not None:
         given["T_dry"] = part.drying
     if part.fouling is not None:
         given["T_foul"] = part.fouling
     return block.with_params(**given)
+
+
+def _columns(rows: Sequence[tuple[float, float, float]], most: int) -> dict[str, np.ndarray]:
+    """Begin, end and factor of places as the field has them, with empty ones up to the most."""
+    empty = [(EVERYWHERE, EVERYWHERE, 1.0)] * (most - len(rows))
+    columns = zip(*[*rows, *empty], strict=True)
+    return {k: np.array(v) for k, v in zip(("start", "end", "factor"), columns, strict=True)}
+
+
+def patches_of_seed(trip: Trip) -> Callable[[int], dict[str, np.ndarray]] | None:
+    """Function from the seed of a draw to the places of the field; None where none are drawn."""
+    drawn = trip.ensemble.patches if trip.ensemble else None
+    part, field = trip.rail.contamination, field_of_rail(trip)
+    if drawn is None or part is None or field is None:
+        return None
+    peak, most = (
+        peak_of_layer(layer_law(trip, part), trip.vehicle.speed),
+        field.params["start"].size,
+    )
+
+    def patches(seed: int) -> dict[str, np.ndarray]:
+        random = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 42])))
+        many = int(random.integers(drawn.many[0], drawn.many[1] + 1))
+        begin = np.sort(random.uniform(drawn.begin, drawn.end, many))
+        length = random.uniform(*drawn.length, many)
+        factor = random.uniform(*drawn.peak, many) / peak
+        rows = list(zip(begin, begin + length, factor, strict=True))
+        return {f"plant.field.{k}": v for k, v in _columns(rows, most).items()}
+
+    return patches
 
 
 # ---- what the rail carries -----------------------------------------------------------------------

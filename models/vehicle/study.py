@@ -7,7 +7,8 @@ from typing import Any
 
 from slipctl.models.vehicle.certificate import axle_loops
 from slipctl.models.vehicle.certificate.gains import gains, reasons_without_certificate
-from slipctl.models.vehicle.parts import Trip, number_with_unit
+from slipctl.models.vehicle.contamination import patches_of_seed
+from slipctl.models.vehicle.parts import Drawn, Trip, number_with_unit
 from slipctl.models.vehicle.trip import case
 from slipctl.run.roles import Signals
 from slipctl.run.sweep.ensemble import Ensemble
@@ -74,6 +75,13 @@ def reasons(trip: Trip) -> dict[str, str]:
     return axle_loops.reasons_without_certificate(trip, reasons_without_certificate(trip))
 
 
+def _ensemble(trip: Trip, drawn: Drawn) -> Ensemble:
+    """What differs from draw to draw."""
+    told = {"patches": vars(drawn.patches)} if drawn.patches else {}
+    patches = patches_of_seed(trip) if drawn.patches else None
+    return Ensemble(drawn.draw, drawn.scale, drawn.seeds, patches, told)
+
+
 def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own") -> Study:
     """Make the study of a trip, which ``slipctl run`` runs.
 
@@ -92,9 +100,7 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         return [replace(found, log=LOG)]
 
     drawn = trip.ensemble
-    ensembles = (
-        {} if drawn is None else {"base": Ensemble(drawn.draw, drawn.scale, seeds=drawn.seeds)}
-    )
+    ensembles = {} if drawn is None else {"base": _ensemble(trip, drawn)}
     vehicle = trip.vehicle
     doc = (
         f"A {'braked' if vehicle.mode == 'brake' else 'driven'} vehicle of"

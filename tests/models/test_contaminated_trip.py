@@ -7,9 +7,11 @@ from slipctl import simulate
 from slipctl.errors import BadInput, Faults
 from slipctl.models.vehicle import case, loop, scenario
 from slipctl.models.vehicle import study as vehicle_study
+from slipctl.models.vehicle.contamination import layer_law, patches_of_seed, peak_of_layer
 from slipctl.run.measures.measured_run import Run
 from slipctl.run.metrics import measure
 from slipctl.run.preparation import prepare
+from slipctl.run.sweep.ensemble import World
 from slipctl.study import execution, resolve
 from slipctl.study.files import trip_files
 
@@ -218,3 +220,70 @@ def test_a_run_tells_what_its_wheels_have_taken(tmp_path):
     assert got["flash_temperature"] > 720  # martensite: four locked wheels on clean rail
     with pytest.raises(BadInput, match=r"limits.longest_lock: needs"):
         read(tmp_path, text[: text.index("[rail.contamination]")] + text[text.index("[demand]") :])
+
+
+# ---- patches that are drawn ----------------------------------------------------------------------
+
+DRAWN = """
+[ensemble.patches]
+number = [1, 4]
+length = ["20 m", "80 m"]
+peak = [0.02, 0.03]
+from = "50 m"
+to = "300 m"
+"""
+
+
+def test_patches_are_drawn_by_their_seed_alone(tmp_path):
+    """Number, place, length and peak in their ranges; the same for a seed, others for another."""
+    trip = read(tmp_path, FILE + DRAWN)
+    patches = patches_of_seed(trip)
+    factor = peak_of_layer(layer_law(trip, trip.rail.contamination), 25.0)
+    counts = set()
+    for seed in range(60):
+        found = patches(seed)
+        assert all((found[k] == v).all() for k, v in patches(seed).items())
+        begin, end, by = (found[f"plant.field.{k}"] for k in ("start", "end", "factor"))
+        real = begin < 1e6
+        counts.add(int(real.sum()))
+        assert ((begin[real] >= 50) & (begin[real] <= 300)).all()
+        length = (end - begin)[real]
+        assert ((length >= 20) & (length <= 80)).all()
+        assert ((by[real] * factor >= 0.02 - 1e-12) & (by[real] * factor <= 0.03 + 1e-12)).all()
+    assert counts == {1, 2, 3, 4}
+
+
+def test_an_ensemble_runs_on_the_patches_of_its_draws(tmp_path):
+    """Each draw is a run of its own: wheels find the drawn layer, and stop elsewhere for it."""
+    path = tmp_path / "my.toml"
+    path.write_text(FILE + DRAWN, encoding="utf-8")
+    study = resolve.load_study(str(path))
+    found = study.cases(None, False)[0]
+    world = World(found.loops["none"], found.scenario, study.ensembles["base"],
+                  signals=study.signals, known=found.known)  # fmt: skip
+    draws = [world.draw(0, k) for k in range(2)]
+    ways = [world.metrics({}, d)["stopping_distance"].value for d in draws]
+    again = world.metrics({}, world.draw(0, 0))["stopping_distance"].value
+    assert ways[0] == again != ways[1]
+    alone = prepare(found.loops["none"], found.scenario)(draws[1].numbers)
+    v = alone["plant.train.v"]
+    assert ways[1] == pytest.approx(alone["plant.train.x"][np.argmax(np.abs(v) <= 0.1)], abs=1e-3)
+    without = study.ensembles["base"].hash
+    path.write_text(FILE + DRAWN.replace("300 m", "310 m"), encoding="utf-8")
+    assert resolve.load_study(str(path)).ensembles["base"].hash != without
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("number = [1, 4]", "number = [4, 1]", "ensemble.patches.number: is two values"),
+        ("number = [1, 4]", "number = [1, 99]", "outside 0 .. 40"),
+        ('to = "300 m"', 'to = "30 m"', "ensemble.patches.to: is 30 m"),
+        ('to = "300 m"', 'to = "30 km"', "ensemble.patches.to: is 30000 m, and the run ends at"),
+        ("peak = [0.02, 0.03]", "", "needs peak"),
+    ],
+)
+def test_patches_that_cannot_be_drawn_are_refused(tmp_path, old, new, words):
+    with pytest.raises(BadInput) as refused:
+        read(tmp_path, FILE + DRAWN.replace(old, new))
+    assert words in str(refused.value)

@@ -41,5 +41,5 @@ from slipctl.models.vehicle.parts.sensors import (
     ToothWheel,
     WheelsOnly,
 )
-from slipctl.models.vehicle.parts.trip import Assumed, Drawn, Limits, Trip
+from slipctl.models.vehicle.parts.trip import Assumed, Drawn, DrawnPatches, Limits, Trip
 from slipctl.models.vehicle.parts.vehicle import Car, Davis, Vehicle

@@ -47,12 +47,32 @@ class Limits(Part):
 
 
 @dataclass(frozen=True, kw_only=True)
+class DrawnPatches(Part):
+    """Contaminated places that are drawn at random; where two overlap, the lower peak counts."""
+
+    many: tuple[int, ...] = number("1", (1, 3), "least and most of them", lo=0, hi=40, key="number")
+    length: tuple[float, ...] = number("m", MISSING, "least and most of one", lo=0.1, hi=1e5)
+    peak: tuple[float, ...] = number("1", MISSING, "least and most of one", lo=1e-3, hi=1)
+    begin: float = number("m", 0.0, "first place where one may begin", lo=0, hi=1e6, key="from")
+    end: float = number("m", MISSING, "last place where one may begin", lo=0, hi=1e6, key="to")
+
+    def misfits(self) -> Iterator[Fault]:
+        """Pairs that are none."""
+        for name, given in (("number", self.many), ("length", self.length), ("peak", self.peak)):
+            if len(given) != 2 or given[0] > given[1]:
+                yield name, "is two values, the least and the most"
+        if self.end <= self.begin:
+            yield "to", f"is {self.end:g} m, they begin at {self.begin:g} m; write a larger one"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Drawn(Part):
     """What differs from draw to draw where gains are tuned."""
 
     seeds: bool = text_field(False, "whether the noise is drawn anew")
     draw: Mapping[str, str] = text_field({}, "range of each number that is drawn, m = '36t:42t'")
     scale: Mapping[str, str] = text_field({}, "factors and what each multiplies, '0.8:1.2 of c'")
+    patches: DrawnPatches | None = text_field(None, "contaminated places, instead of the rail's")
 
     def misfits(self) -> Iterator[Fault]:
         """An ensemble that is empty, a range that is none."""
@@ -60,7 +80,7 @@ class Drawn(Part):
             ends = [size_of(end) for end in str(text).split(":")]
             if len(ends) == 2 and None not in ends and not ends[0] < ends[1]:  # type: ignore[operator]
                 yield f"draw.{name}", f"{text!r} is no range; write the lower end first"
-        if not (self.draw or self.scale or self.seeds):
+        if not (self.draw or self.scale or self.seeds or self.patches):
             yield "", "the ensemble is empty; write what differs from draw to draw, seeds = true"
 
 
@@ -176,7 +196,10 @@ class Trip(Part):
     def _misplaced(self) -> Iterator[Fault]:
         """Cells that two axles would share; contaminated places where no wheel gets."""
         layer, behind = self.rail.contamination, self.vehicle.behind
+        drawn = self.ensemble.patches if self.ensemble else None
         if layer is None:
+            if drawn is not None:
+                yield "ensemble.patches", "the rail is not contaminated; add [rail.contamination]"
             return
         apart = min((b - a for a, b in pairwise(behind)), default=math.inf)
         if layer.cell > apart:
@@ -189,6 +212,8 @@ class Trip(Part):
         last = found[0] if isinstance(found, tuple) else math.inf
         if self.vehicle.mode == "brake" and not self.rail.falls:
             last = min(last, self.vehicle.speed * self.duration)
+        if drawn is not None and drawn.end > last:
+            yield "ensemble.patches.to", f"is {drawn.end:g} m, and the run ends at {last:g} m"
         for k, place in enumerate(layer.places):
             where = f"rail.contamination.places.{k}"
             if place.begin >= last:
