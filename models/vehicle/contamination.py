@@ -15,7 +15,7 @@ from slipctl.models.vehicle.adhesion import law_faults
 from slipctl.models.vehicle.control import numbers_of
 from slipctl.models.vehicle.parts import Contamination, Trip
 from slipctl.models.vehicle.plant import on_train
-from slipctl.models.wheel_rail.rail_memory import EVERYWHERE, Cells, blended_law, rail_field
+from slipctl.models.wheel_rail.rail_memory import EVERYWHERE, Cells, Layer, blended_law, rail_field
 from slipctl.study.resolve import load_block
 
 WHERE = "rail.contamination"
@@ -76,8 +76,8 @@ def field_of_rail(trip: Trip) -> Block | None:
     cells = Cells(trip.vehicle.behind, part.cell)
     drawn = trip.ensemble.patches if trip.ensemble else None
     most = max(len(part.places), drawn.many[1] if drawn else 0, 1)
-    fades = part.drying is not None, part.fouling is not None
-    block = rail_field(cells, T_S, most, part.own, *fades).with_params(tau=part.tau, n=part.layers)
+    layer = Layer(most, part.own, part.drying is not None, part.fouling is not None)
+    block = rail_field(cells, T_S, layer).with_params(tau=part.tau, n=part.layers)
     general = 1.0 if part.peak is None else part.peak / peak
     rows = [
         (p.begin, p.end, general if p.peak is None else p.peak / peak) for p in part.places
