@@ -73,16 +73,21 @@ def field_of_rail(trip: Trip) -> Block | None:
     if part is None:
         return None
     peak = peak_of_layer(layer_law(trip, part), trip.vehicle.speed)
-    cells = Cells(trip.vehicle.behind, part.cell)
+    sand, behind = part.sand, trip.vehicle.behind
+    nozzles = tuple(behind[k - 1] - sand.ahead for k in sorted(sand.axles)) if sand else ()
+    cells = Cells(behind, part.cell, lead=max(0.0, -min(nozzles, default=0.0)))
     drawn = trip.ensemble.patches if trip.ensemble else None
     most = max(len(part.places), drawn.many[1] if drawn else 0, 1)
-    layer = Layer(most, part.own, part.drying is not None, part.fouling is not None)
+    layer = Layer(most, part.own, part.drying is not None, part.fouling is not None, nozzles)
     block = rail_field(cells, T_S, layer).with_params(tau=part.tau, n=part.layers)
     general = 1.0 if part.peak is None else part.peak / peak
     rows = [
         (p.begin, p.end, general if p.peak is None else p.peak / peak) for p in part.places
     ] or [(-EVERYWHERE, EVERYWHERE, general)]
     given: dict[str, Any] = dict(_columns(rows, most))
+    if sand is not None:
+        given |= {"rate": sand.rate, "S_0": sand.grip, "carry": sand.carry, "delay": sand.delay,
+                  "v_least": sand.above, "e_slide": sand.slip}  # fmt: skip
     if part.drying is not None:
         given["T_dry"] = part.drying
     if part.fouling is not None:

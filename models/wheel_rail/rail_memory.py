@@ -1,7 +1,7 @@
 """A rail that remembers: wheels that slide clean it for the wheels behind them.
 
     f   = (1 - lam) k f_fouled + lam f_clean                     adhesion of a wheel
-    lam = 1 - exp(-(tau W)^n - t/T_dry)                          share that is recovered
+    lam = 1 - exp(-(tau W)^n - S/S_0 - t/T_dry)                  share that is recovered
     W   energy per metre of one rail that the wheels before have left;  behind a wheel  W + P/(2 v)
 
 P is the heat of the contact of an axle, half of it on each rail. Outside the contaminated places
@@ -12,16 +12,21 @@ Form: blend of two steady curves, Voltr and Lata, Vehicle System Dynamics 53 (20
 energy, Allotta, Meli, Ridolfi, Rindi, Tribology International 69 (2014) 128. Only their abstracts
 were read: the exponential and its numbers are a user's.
 
-The field moves with the train. Cells of one length are counted from the first axle backwards. When
-it enters a new cell, all cells move up by one and the last one is left behind. So an axle is always
-in one of two cells, which its distance behind the first one says. Nothing is looked up, and the
-energy of a step is divided exactly among the cells that a wheel crosses. What an axle leaves in the
-cell where it is, it does not find itself. A train that rolls back stays, for the rail, at the place
-that it had reached.
+S is sand in kg per metre of one rail. A nozzle pours it ahead of its axle while an axle slides,
+from a delay on, and while the train is faster than v_least. A wheel that runs over it leaves the
+share ``carry`` behind.
+
+The field moves with the train. Cells of one length are counted backwards from the first axle, or
+from the nozzle ahead of it. When that point enters a new cell, all cells move up by one and the
+last one is left behind. So an axle is always in one of two cells, which its distance says. Nothing
+is looked up, and the energy of a step is divided exactly among the cells that a wheel crosses. What
+an axle leaves in the cell where it is, it does not find itself. A train that rolls back stays, for
+the rail, at the place that it had reached.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -73,6 +78,7 @@ class Cells:
         behind: place of each axle behind the first one, in m, rising.
         length: of a cell in m.
         fastest: largest speed of the train in m/s.
+        lead: how far a nozzle is ahead of the first axle, in m.
 
     Raises:
         BadInput: cells longer than the least distance between axles: two would be in one.
@@ -81,6 +87,7 @@ class Cells:
     behind: tuple[float, ...]
     length: float = 0.25
     fastest: float = 150.0
+    lead: float = 0.0
 
     def __post_init__(self) -> None:
         apart = np.diff(self.behind)
@@ -94,8 +101,16 @@ class Cells:
 
     @property
     def places(self) -> tuple[np.ndarray, np.ndarray]:
-        """Whole cells, and the rest as a share, by which each axle is behind the first one."""
-        cells = np.asarray(self.behind, dtype=float) / self.length
+        """Where the axles are, see :meth:`of`."""
+        return self.of(self.behind)
+
+    def of(self, behind: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+        """Whole cells, and the rest as a share, by which points are behind the foremost one.
+
+        Args:
+            behind: place of each behind the first axle, in m.
+        """
+        cells = (np.asarray(behind, dtype=float) + self.lead) / self.length
         whole = np.floor(cells + 1e-9)
         return whole.astype(int), np.maximum(cells - whole, 0.0)
 
@@ -128,17 +143,20 @@ class Layer:
         own: whether a wheel finds what it does itself, by the heat of the step before.
         drying: whether the layer dries by itself, in a time ``T_dry`` from the start on.
         fouling: whether cleaned rail is fouled again, in a time ``T_foul``.
+        nozzles: place of each sander behind the first axle, in m; ahead of it below 0.
     """
 
     places: int = 1
     own: bool = False
     drying: bool = False
     fouling: bool = False
+    nozzles: tuple[float, ...] = ()
 
     @property
     def choices(self) -> dict[str, bool]:
         """What it does beside being cleaned, in words."""
-        told = {"own contact": self.own, "drying": self.drying, "fouled again": self.fouling}
+        told = {"own contact": self.own, "drying": self.drying, "fouled again": self.fouling,
+                "sanded": bool(self.nozzles)}  # fmt: skip
         return {name: True for name, chosen in told.items() if chosen}
 
 
@@ -170,12 +188,18 @@ def rail_field(cells: Cells, h: float, layer: Layer = Layer()) -> Block:
         early = x["phase"] < ca.DM(rest)
         seen = _at(x["W"], whole, early)
         found = ca.fmax(seen + (x["W_own"] if layer.own else 0), 0)
-        recovered, height = _recovered(layer, x, u, p, found)
+        sand = _at(x["S"], whole, early) if layer.nozzles else 0
+        recovered, height = _recovered(layer, x, u, p, found, sand)
         length = 2 * cells.length  # on both rails
         E_rail = length * (ca.sum1(x["W"]) + ca.sum1(x["laid"])) + x["E_behind"]
         outputs = dict(recovered=recovered, height=height, W_seen=seen, E_rail=E_rail)
-        return _moved_on(cells, h, layer, x, u, p, early), outputs
+        following, enters = _moved_on(cells, h, layer, x, u, p, early)
+        if layer.nozzles:
+            outputs |= {"S_seen": sand, "sand": x["sand"]}
+            following |= _sanded(cells, h, layer, x, u, p, early, enters)
+        return following, outputs
 
+    sanded = layer.nozzles
     states, params = _states_and_params(layer, n, cells.count)
     return make_block(
         "field", "step", body, states=states, params=params,
@@ -183,12 +207,16 @@ def rail_field(cells: Cells, h: float, layer: Layer = Layer()) -> Block:
             _each(Input("m", "place of an axle"), "at", n),
             Input("m", "way of this step").named("way"),
             _each(Input("W", "power that the contact of an axle takes"), "P", n),
+            *([_each(Input("m/s", "creep", per="speed", positive="traction"), "v_s", n),
+               Input("m/s", "speed of the train").named("v")] if sanded else []),
         ],
         outputs=[
             _each(Output("1", "share that is recovered", lo=0, hi=1), "recovered", n),
             _each(Output("1", "factor on the adhesion under the layer", lo=0), "height", n),
             _each(Output("J/m", "energy per metre of one rail that it finds"), "W_seen", n),
             Output("J", "energy on both rails").named("E_rail"),
+            *([_each(Output("kg/m", "sand on one rail that it finds"), "S_seen", n),
+               Output("kg", "sand that was poured").named("sand")] if sanded else []),
         ],
         period=h, sx=False, doc=__doc__ or "",
         choices={"cells": cells.count, "cell in m": cells.length} | layer.choices,
@@ -229,20 +257,68 @@ def _states_and_params(layer: Layer, n: int, size: int) -> tuple[list[Any], list
     if layer.own:
         states.append(_each(State("J/m", 0.0, "energy of its own contact"), "W_own", n))
         params.append(Param("m/s", 0.1, slow, USER, lo=1e-6).named("v_0"))
+    if layer.nozzles:
+        states += [
+            State("kg/m", 0.0, "sand on one rail, cell by cell", shape=(size,)).named("S"),
+            State("kg/m", 0.0, "sand of a nozzle in its present cell",
+                  shape=(len(layer.nozzles),)).named("poured"),
+            State("s", 0.0, "time since an axle has begun to slide", lo=0).named("t_slide"),
+            State("kg", 0.0, "sand that was poured", lo=0).named("sand"),
+        ]  # fmt: skip
+        params += [
+            Param("kg/s", 0.03, "sand of a nozzle, on one rail", USER, lo=0, hi=1).named("rate"),
+            Param("kg/m", 7.5e-3, "sand that recovers 63 %", USER, lo=1e-6, hi=1).named("S_0"),
+            Param("1", 0.7, "share that is left behind a wheel", USER, lo=0, hi=1).named("carry"),
+            Param("s", 1.0, "from the slide to the sand", USER, lo=0, hi=60).named("delay"),
+            Param("m/s", 25 / 3.6, "speed below which none is poured", USER, lo=0).named("v_least"),
+            Param("1", 0.05, "slip ratio that is a slide", USER, lo=1e-3, hi=1).named("e_slide"),
+        ]
     return states, params
 
 
-def _recovered(layer: Layer, x: Exprs, u: Exprs, p: Exprs, found: Any) -> tuple[Any, Any]:
+def _sanded(
+    cells: Cells, h: float, layer: Layer, x: Exprs, u: Exprs, p: Exprs, early: Any, enters: Any
+) -> Exprs:
+    """States of the sand after a step: what nozzles pour, and wheels carry away."""
+    whole, rest = cells.of(layer.nozzles)
+    before = x["phase"] < ca.DM(rest)
+    ahead = ca.fmax(x["back"] + u["way"], 0) / cells.length
+    fast = ca.fabs(u["v"]) > p["v_least"]
+    slides = ca.logic_and(fast, ca.mmax(ca.fabs(u["v_s"])) > p["e_slide"] * ca.fabs(u["v"]))
+    flow = ca.if_else(ca.logic_and(slides, x["t_slide"] >= p["delay"]), p["rate"], 0)
+    within = x["phase"] - rest + before
+    share = ca.fmin(1, (1 - within) / ca.fmax(ahead, 1e-300))
+    poured = x["poured"] + share * flow * h / cells.length
+    done = within + ahead >= 1
+    S = x["S"] + _onto(cells.count, whole, before, ca.if_else(done, poured, 0))
+    axles, parts = cells.places
+    gone = x["phase"] - parts + early + ahead >= 1  # an axle leaves its cell
+    lost = ca.if_else(gone, (1 - p["carry"]) * _at(x["S"], axles, early), 0)
+    S = S - _onto(cells.count, axles, early, lost)
+    return dict(
+        S=ca.if_else(enters, ca.vertcat(0, S[:-1]), S),
+        poured=ca.if_else(done, (1 - share) * flow * h / cells.length, poured),
+        t_slide=ca.if_else(slides, x["t_slide"] + h, 0),
+        sand=x["sand"] + 2 * len(layer.nozzles) * flow * h,
+    )
+
+
+def _recovered(
+    layer: Layer, x: Exprs, u: Exprs, p: Exprs, found: Any, sand: Any
+) -> tuple[Any, Any]:
     """Share that is recovered under each axle, and factor on the adhesion of the layer there.
 
     Args:
         layer: what lies on the rail. x, u, p: of the field.
         found: energy per metre of one rail that each axle finds.
+        sand: kg per metre of one rail that each finds.
     """
     clean = p["tau"] * found
     effort = ca.if_else(clean > 0, ca.fmax(clean, 1e-300) ** p["n"], 0)
     if layer.drying:
         effort = effort + x["t"] / p["T_dry"]
+    if layer.nozzles:
+        effort = effort + sand / p["S_0"]
     fouled, height = 0, 1e9
     for k in range(layer.places):
         inside = ca.logic_and(u["at"] >= p["start"][k], u["at"] < p["end"][k])
@@ -253,8 +329,8 @@ def _recovered(layer: Layer, x: Exprs, u: Exprs, p: Exprs, found: Any) -> tuple[
 
 def _moved_on(
     cells: Cells, h: float, layer: Layer, x: Exprs, u: Exprs, p: Exprs, early: Any
-) -> Exprs:
-    """States of the field after a step, whose energy the wheels have left in their cells."""
+) -> tuple[Exprs, Any]:
+    """States of the field after a step, and whether its foremost point enters a new cell."""
     whole, rest = cells.places
     move = x["back"] + u["way"]
     ahead = ca.fmax(move, 0) / cells.length
@@ -279,4 +355,4 @@ def _moved_on(
     if layer.own:
         speed = ca.fmax(ca.fabs(u["way"]) / h, p["v_0"])
         following["W_own"] = ca.fmax(u["P"], 0) / (2 * speed)
-    return following
+    return following, enters

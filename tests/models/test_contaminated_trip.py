@@ -287,3 +287,48 @@ def test_patches_that_cannot_be_drawn_are_refused(tmp_path, old, new, words):
     with pytest.raises(BadInput) as refused:
         read(tmp_path, FILE + DRAWN.replace(old, new))
     assert words in str(refused.value)
+
+
+# ---- sand ----------------------------------------------------------------------------------------
+
+SAND = """
+[rail.contamination.sand]
+axles = [1, 3]
+rate = "30 g/s"
+"""
+
+
+def test_sand_is_found_by_the_axles_behind_its_nozzle(tmp_path):
+    """rate/v by metre on each rail, less the share that each wheel takes; none before the delay."""
+    slow = FILE.replace("1e-4 m/J", "0 m/J").replace(PLACES, "")
+    log = rolled(read(tmp_path, slow + SAND), "plant.field.S_seen", "plant.field.sand",
+                 "plant.train.omega")  # fmt: skip
+    v, seen, sand = (log[f"plant.{n}"] for n in ("train.v", "field.S_seen", "field.sand"))
+    slides = np.argmax(np.abs(v - 0.46 * log["plant.train.omega"][:, 0]) > 0.05 * v)
+    assert seen[: slides + 999].max() == 0
+    k = slides + 4000  # all have come to the sand; the speed falls by less than 1 % meanwhile
+    flow = 0.03 / v[k]
+    wanted = [flow, 0.7 * flow, 0.49 * flow + flow, 0.7 * (0.49 * flow + flow)]
+    assert seen[k] == pytest.approx(wanted, rel=0.02)
+    poured = np.flatnonzero(np.diff(sand) > 0)
+    assert sand[-1] == pytest.approx(4 * 0.03 * poured.size * 1e-3, rel=1e-9)  # both rails
+    assert v[poured[-1]] == pytest.approx(25 / 3.6, abs=0.05)
+    dry = rolled(read(tmp_path, slow))
+    assert log["plant.train.x"][-1] < 0.9 * dry["plant.train.x"][-1]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("axles = [1, 3]", "axles = [1, 3]\nahead = '-0.3 m'", "the nozzle is behind its axle"),
+        ("axles = [1, 3]", "axles = [1, 3]\nahead = '0.1 m'", "within a cell of 0.25 m"),
+        ("axles = [1, 3]", "axles = [5]", "names axle 5 of 4"),
+        ("axles = [1, 3]", "axles = [1, 1]", "once"),
+        ("axles = [1, 3]", "", "needs axles"),
+    ],
+)
+def test_sand_that_falls_behind_its_wheel_is_refused(tmp_path, old, new, words):
+    with pytest.raises(BadInput) as refused:
+        read(tmp_path, FILE + SAND.replace(old, new))
+    assert words in str(refused.value)
+    assert "rail.contamination.sand" in str(refused.value)

@@ -208,6 +208,10 @@ class Trip(Part):
                 f"{layer.cell:g} m is more than the {apart:g} m between two axles, which would be"
                 f" in one cell; write '{apart:g} m' or less",
             )
+        sanded = layer.sand.axles if layer.sand else ()
+        if max(sanded, default=0) > self.vehicle.axles:
+            many = self.vehicle.axles
+            yield "rail.contamination.sand.axles", f"names axle {max(sanded)} of {many}"
         found = number_with_unit(self.end, "m") if self.end else ""
         last = found[0] if isinstance(found, tuple) else math.inf
         if self.vehicle.mode == "brake" and not self.rail.falls:
