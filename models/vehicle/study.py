@@ -29,7 +29,8 @@ LOG = (
     "ctl.curve.mu", "speed.y", "speed.v_m", "speed.error", "speed.sound", "radius.r_i",
     "radius.known", "wheel.y", "wheel.omega_m", "plant.field.recovered", "plant.field.height",
     "plant.field.W_seen", "plant.field.S_seen", "plant.field.sand", "plant.train.P_contact",
-    "plant.train.E_kin", "plant.train.P_drive", "plant.train.P_brake", "plant.train.P_bearing", "plant.train.P_slip", "plant.train.P_d",
+    "plant.train.E_kin", "plant.train.P_drive", "plant.train.P_brake",
+    "plant.train.P_bearing", "plant.train.P_slip", "plant.train.P_d",
 )  # fmt: skip
 """Signals that a log keeps of every loop."""
 
