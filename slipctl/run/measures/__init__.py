@@ -1,1 +1,1 @@
-"""What is measured of a run: the run as metrics see it, and metrics of sliding wheels."""
+"""How is a run measured: what do metrics see of it, and what of sliding wheels?"""
