@@ -115,16 +115,18 @@ def _read(n: Node) -> Function | None:
 
 def _shifted(n: Node) -> tuple[str, int]:
     """Array of pointers, and where it begins in it: ``arg + 3``."""
-    return (n.parts[0].head, int(n.parts[1].head)) if n.kind == "op" else (n.head, 0)
+    if n.kind == "op" and n.head == "+" and n.parts[1].kind == "number":
+        return n.parts[0].head, int(float(n.parts[1].head))
+    return (n.head, 0) if n.kind == "name" else ("", 0)
 
 
 def _rooms(functions: dict[str, Function]) -> None:
     """Lengths of the arrays of pointers that each needs, with what it calls; callees come first."""
     for f in functions.values():
-        items = [p for n in f.body.walk() if n.kind == "declare" for p in n.parts]
+        items = [p for n in f.body.walk() if n.kind in ("declare", "do") for p in n.parts]
         shifts = {
             p.parts[0].text.lstrip("*"): _shifted(p.parts[1])[1] for p in items
-            if p.kind == "op" and _shifted(p.parts[1])[0] in ("arg", "res")
+            if p.kind == "op" and p.head == "=" and _shifted(p.parts[1])[0] in ("arg", "res")
         }  # fmt: skip
         room = [len(f.takes), len(f.gives)]
         for n in f.body.walk():
@@ -156,7 +158,7 @@ def _follow(functions: dict[str, Function], f: Function, pattern: Pattern) -> No
         return aliases.get(given.text, given.text not in ("0", "NULL"))
 
     for n in f.body.walk():
-        to = target(n) if n.kind in ("do", "for") else None
+        to = target(n) if n.kind == "do" and n.parts[0].head == "=" else None
         if n.kind == "for" and len(n.parts[3].parts) == 1:
             only = n.parts[3].parts[0]
             copied = target(only) if only.kind == "do" else None
