@@ -11,8 +11,8 @@ from slipctl.ccode.module.comments import ascii_text
 from slipctl.ccode.module.header import CONTENT, head
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.module.shapes import constant
 from slipctl.ccode.passes.precision import literal
-from slipctl.ccode.tree.shapes import constant
 
 WARNINGS = (
     "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wfloat-conversion -Wshadow"

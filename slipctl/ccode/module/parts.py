@@ -19,6 +19,7 @@ from slipctl.block.signals import Signal
 from slipctl.block.transforms.discretisation import slower
 from slipctl.ccode.module.comments import FILE, comment, of_one_file, with_origins
 from slipctl.ccode.module.layout import Member, c_name
+from slipctl.ccode.module.shapes import dense_value
 from slipctl.ccode.passes.letters import Told, letters
 from slipctl.ccode.passes.local_names import name_locals
 from slipctl.ccode.passes.member_results import copy_statements, place_locals
@@ -29,7 +30,6 @@ from slipctl.ccode.tree.functions import Functions
 from slipctl.ccode.tree.graph import free_name
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import code, expression
-from slipctl.ccode.tree.shapes import dense_value
 from slipctl.ccode.tree.vectors import place
 
 POINTERS = ("in", "param", "derived", "state", "next", "now", "work")

@@ -15,12 +15,12 @@ from slipctl.block.transforms.discretisation import counters
 from slipctl.ccode.module.kernel import Kernel, by_parts, kernel
 from slipctl.ccode.module.layout import LOCAL, Layout, Member, layout
 from slipctl.ccode.module.parts import Place, Wires
+from slipctl.ccode.module.shapes import constant, dense_value, matrix
 from slipctl.ccode.passes.precision import check_real, round_to_real, size
 from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import FINITE, NUMBER, Unsupported, Writer, number
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import code, expression
-from slipctl.ccode.tree.shapes import constant, dense_value, matrix
 from slipctl.ccode.tree.structure import drop_unused
 from slipctl.errors import BadInput
 

@@ -26,6 +26,7 @@ from slipctl.ccode.module.header import head, prototype, prototypes
 from slipctl.ccode.module.kernel import Kernel, definitions
 from slipctl.ccode.module.layout import Member, own_name
 from slipctl.ccode.module.plan import Plan, first_sentence
+from slipctl.ccode.module.shapes import c_elements
 from slipctl.ccode.module.small import small_functions
 from slipctl.ccode.passes.part_structs import nest_parts
 from slipctl.ccode.passes.precision import in_precision
@@ -36,7 +37,6 @@ from slipctl.ccode.tree.expressions import constant, number
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import code, define, expression, if_, statements
 from slipctl.ccode.tree.printer import file_text
-from slipctl.ccode.tree.shapes import c_elements
 from slipctl.ccode.tree.structure import assign
 
 
@@ -58,7 +58,7 @@ def sources(plan: Plan, section: str | None = None) -> dict[str, str]:
     parts, around = nest_parts(plan.layout, plan.equations.functions, around)
     small = small_functions(parts.values())
     remembered = {"MEMORY_": constant(guard.memory(plan.period, plan.stale))}
-    tests = c.swapped(small_functions(around, small), remembered)
+    tests = c.swap_all(small_functions(around, small), remembered)
     of_ranges = {*plan.start.helpers, *plan.bound_helpers}
     before = [c.raw(_NAN_IS_SEEN)]
     if plan.equations.copied:
@@ -111,7 +111,7 @@ def _equations(plan: Plan) -> list[Node]:
     used = c.words(lines)
     given = ["in", "param", *["derived"] * bool(plan.layout.derived)]
     given += [*["state", "next"] * bool(plan.layout.states), "now", *["work"] * plan.work_in_state]
-    voids = [c.unused(a) for a in given if a not in used]
+    voids = [c.mark_unused(a) for a in given if a not in used]
     result = "static int" if plan.can_fail else "static void"
     signature = prototype(plan, result, "equations", *(plan.types[a] for a in given))
     told = "The parts, in the order of the wires" if made.functions else "Equations"
@@ -126,7 +126,7 @@ def _own_lines(plan: Plan) -> list[Node]:
     lines = statements([*declared, *["int failed = 0;"] * made.calls])
     part_of = {m.c: m.name.rpartition(".")[0] for m in plan.layout.outputs if "." in m.name}
     docs = {path: first_sentence(leaf.doc) for path, leaf in plan.part_docs()}
-    for line in c.swapped(made.lines, {k: expression(v) for k, v in places.items()}):
+    for line in c.swap_all(made.lines, {k: expression(v) for k, v in places.items()}):
         named = c.target(line) if line.kind == "declare" else None
         part = part_of.get(named.text, "") if named is not None else ""
         if part in docs:
@@ -229,7 +229,7 @@ def _start(plan: Plan) -> list[Node]:
     if len(plan.parts) > 1:
         lines = [*code("const bool all = part == 0;"), *lines]
     used = c.words(lines)
-    void = [c.unused(a) for a in ("param", "part") if a not in used]
+    void = [c.mark_unused(a) for a in ("param", "part") if a not in used]
     told = "Put a part of the state to its start, by the order of the parts; 0 is all."
     computed = [range_condition(plan, m, "state->") for m in plan.layout.states if m.signal.derived]
     if computed:

@@ -52,7 +52,7 @@ def name_locals(lines: Sequence[Node], part: str, taken: Iterable[str]) -> list[
         if said and said not in used:
             names[to.head] = c.name(said)
             used.add(said)
-    return c.swapped(lines, names)
+    return c.swap_all(lines, names)
 
 
 def with_inside(f: ca.Function, taken: Iterable[str]) -> tuple[ca.Function, dict[Any, str]]:

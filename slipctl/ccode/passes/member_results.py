@@ -28,7 +28,7 @@ def place_locals(lines: Sequence[Node], indent: str = STEP) -> list[Node]:
         told = line.told or now[to].told
         rest = [x for k, x in enumerate(now[at + 1 :], at + 1) if k != to]
         first = c.assign(member, c.value(line), told=told)
-        tried = [*now[:at], first, *c.swapped(rest, {name.head: member})]
+        tried = [*now[:at], first, *c.swap_all(rest, {name.head: member})]
         if len(lines_of(tried, indent)) < len(lines_of(now, indent)):
             now = tried
     return now

@@ -12,7 +12,7 @@ from slipctl.ccode.tree.nodes import Node
 _KEPT = {"state", "next"}
 
 
-def nested(layout: Layout, node: Node) -> Node:
+def nest_states(layout: Layout, node: Node) -> Node:
     """C in which a state of a part is a member of the struct of that part."""
     moved = {m: place.split(".") for m, place in layout.places.items() if m != place}
 
@@ -39,7 +39,7 @@ def nest_parts(layout: Layout, functions: Mapping[str, Node], rest: list[Node]
         functions: of the parts and what they call, by name.
         rest: what else calls them.
     """
-    made = {name: nested(layout, f) for name, f in functions.items()}
+    made = {name: nest_states(layout, f) for name, f in functions.items()}
     structs = {name: s for name, f in made.items() if (s := _only_struct(f))}
 
     def called(n: Node) -> Node | None:
@@ -63,7 +63,7 @@ def nest_parts(layout: Layout, functions: Mapping[str, Node], rest: list[Node]
         )
     made = {name: replace(f, parts=(f.parts[0], f.parts[1].change(called)))
             for name, f in made.items()}  # fmt: skip
-    return made, [nested(layout, n).change(called) for n in rest]
+    return made, [nest_states(layout, n).change(called) for n in rest]
 
 
 def _own(n: Node, struct: str) -> Node | None:

@@ -159,7 +159,7 @@ def _written(
             to = to.parts[0] if to.kind == "unary" else to
             rolled.append(_copy(to, names[k], sizes[k]) if sizes[k] > 1 else c.assign(to, names[k]))
     renamed = {last.given(k): names[k] for k in outs if last.given(k)}
-    return [*ahead, *rolled, *c.swapped(after, renamed)]
+    return [*ahead, *rolled, *c.swap_all(after, renamed)]
 
 
 def _copy(to: Node, source: Node, size: int) -> Node:

@@ -56,7 +56,7 @@ def roll_lines(lines: Sequence[Node], taken: set[str]) -> list[Node]:
         if len(lines_of(whole, "    ")) - len(lines_of(made, "    ")) < wanted:
             at += 1
             continue
-        rest = c.swapped(now[at + best.period * best.count :], later)
+        rest = c.swap_all(now[at + best.period * best.count :], later)
         now[at:] = [*made, *rest]
         at += len(made)
     return fuse_loops(_without_locals(now, results))

@@ -25,7 +25,9 @@ def in_place(plan: Plan, lines: list[Node]) -> list[Node]:
         if sum(x.uses(local.head) for x in lines) != 3:
             continue  # read elsewhere too
         declared = c.declare("double", c.index(local, e.parts[2]))
-        lines = c.swapped([x for x in lines if x not in (declared, line)], {local.head: e.parts[0]})
+        lines = c.swap_all(
+            [x for x in lines if x not in (declared, line)], {local.head: e.parts[0]}
+        )
     ahead = {f"next->{m.c}" for m in plan.ahead}  # what is prepared is not written again
 
     def rule(n: Node) -> Node | None:

@@ -19,8 +19,9 @@ from slipctl.ccode.module.guard_functions import range_condition
 from slipctl.ccode.module.header import head
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.module.shapes import dense_value, matrix
 from slipctl.ccode.module.small import small_functions
-from slipctl.ccode.passes.part_structs import nested
+from slipctl.ccode.passes.part_structs import nest_states
 from slipctl.ccode.passes.precision import in_precision
 from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import Writer, number
@@ -28,7 +29,6 @@ from slipctl.ccode.tree.helpers import helpers
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import expression
 from slipctl.ccode.tree.printer import file_text, lines_of
-from slipctl.ccode.tree.shapes import dense_value, matrix
 
 TEMPLATES = Path(__file__).parent / "templates"
 
@@ -83,7 +83,7 @@ def core(plan: Plan, token: str, now: bool) -> str:
     functions = [*helpers(called), *small_functions(tests)]
 
     def real(n: Node) -> Node:
-        return in_precision(nested(lay, n), plan.real, plan.block.name)
+        return in_precision(nest_states(lay, n), plan.real, plan.block.name)
 
     defined = file_text(map(real, functions))
     filled = {

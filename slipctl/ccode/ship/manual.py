@@ -8,9 +8,9 @@ from slipctl.ccode.module.header import CONTENT, memory, statuses
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan, first_sentence
 from slipctl.ccode.module.rates import groups
+from slipctl.ccode.module.shapes import c_elements
 from slipctl.ccode.ship.readable import table
 from slipctl.ccode.tree.expressions import number
-from slipctl.ccode.tree.shapes import c_elements
 
 
 def readme(plan: Plan) -> str:

@@ -9,8 +9,8 @@ from slipctl.ccode.module.comments import comment
 from slipctl.ccode.module.header import head
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.module.shapes import c_elements
 from slipctl.ccode.passes.sections import attribute
-from slipctl.ccode.tree.shapes import c_elements
 from slipctl.errors import BadInput
 
 _NAME = re.compile(r"[\w.$,\- ]{1,60}")

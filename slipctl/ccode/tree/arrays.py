@@ -39,9 +39,9 @@ from slipctl.ccode.tree.vectors import (
     AT,
     address,
     array_and_offset,
+    array_of,
     by_blocks,
     element,
-    filled,
     is_place,
     loop,
     place,
@@ -237,7 +237,7 @@ class Arrays(Writer):
             begun = c.paren(c.op(counted, "+", constant(values[0])))
             return Value(begun if values[0] else counted, ATOM)
         name = f"k{next(self.count)}"
-        self.lines.append(filled("static const double", name, map(constant, values)))
+        self.lines.append(array_of("static const double", name, map(constant, values)))
         return Value(c.index(c.name(name), AT), ATOM)
 
     def _stored(self, k: int) -> tuple[C, int]:
@@ -352,7 +352,7 @@ class Arrays(Writer):
         values, given = (self._address(v) for v in (x, y))
         table, places = f"k{next(self.count)}", []
         for name, numbers in zip((f"{table}_begin", f"{table}_row"), node.detail, strict=True):
-            self.lines.append(filled("static const int", name, map(c.integer, numbers)))
+            self.lines.append(array_of("static const int", name, map(c.integer, numbers)))
             places.append(c.name(name))
         to, _ = self._begun(k, node, True)
         self.helpers.add("add_sparse_product")
@@ -399,7 +399,7 @@ class Arrays(Writer):
         name = self._target(k)
         self.values[k] = Value(place(name, 0), ATOM)
         if self.lines[-1:] == [c.declare(self.real, c.index(name, len(values)))]:
-            self.lines[-1:] = [filled(f"const {self.real}", name, values)]
+            self.lines[-1:] = [array_of(f"const {self.real}", name, values)]
         else:
             self.lines += [c.assign(c.index(name, i), v) for i, v in enumerate(values)]
 

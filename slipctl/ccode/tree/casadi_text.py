@@ -185,7 +185,7 @@ def _wrapped(whole: Iterable[Node], f: ca.Function) -> str:
 
 def _sizes(whole: Iterable[Node], name: str) -> list[int]:
     """Sizes of work that CasADi gives by an address."""
-    by = c.pointed(c.name(name))
+    by = c.value_at(c.name(name))
     return [
         int(c.value(s).head) for n in whole if n.kind == "function" for s in n.walk()
         if s.kind == "do" and c.target(s) == by and c.value(s).kind == "number"
@@ -366,4 +366,4 @@ def _quiet(head: Node, body: Node) -> list[Node]:
     names = [p.parts[0] for p in head.parts if p.parts]
     while any(n.kind in ("unary", "index") for n in names):
         names = [n.parts[0] if n.kind in ("unary", "index") else n for n in names]
-    return [*(c.unused(n.head) for n in names if not body.uses(n.head)), *body.parts]
+    return [*(c.mark_unused(n.head) for n in names if not body.uses(n.head)), *body.parts]

@@ -14,9 +14,9 @@ from typing import Self
 
 import casadi as ca
 
+from slipctl.ccode.passes import ramp_tables
 from slipctl.ccode.passes.sums import Total, totals
 from slipctl.ccode.tree import nodes as c
-from slipctl.ccode.tree import ramp_tables
 from slipctl.ccode.tree.helpers import HELPERS
 from slipctl.ccode.tree.nodes import Node as C
 from slipctl.ccode.tree.parser import expression

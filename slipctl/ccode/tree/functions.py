@@ -102,7 +102,7 @@ class Functions:
         if not returns:
             given += [_parameter("*", n, f.nnz_out(i)) for i, n in enumerate(outputs) if n]
         used = c.words(lines)
-        unused = [c.unused(n) for n in inputs if n and n not in used]
+        unused = [c.mark_unused(n) for n in inputs if n and n not in used]
         what = self.docs.get(f.name())
         told = comment(f"{f.name()}: {what}") if what else ""
         kind = f"static {'double' if returns else 'void'}"
@@ -164,7 +164,7 @@ class Functions:
         lines = list(writer.lines)
         for (i, k), node in writer.results:
             to, made = at(outputs[i], f.nnz_out(i), k), writer.result(node)
-            to = c.pointed(to) if f.nnz_out(i) == 1 else to
+            to = c.value_at(to) if f.nnz_out(i) == 1 else to
             lines.append(c.give(made) if returns_number(f) else c.assign(to, made))
         return roll_lines(lines, {*inputs, *outputs})
 
@@ -185,8 +185,8 @@ class Functions:
                 continue
             if i < kept:
                 start = c.address(c.name(name)) if size == 1 else c.name(name)
-                lines.append(c.declare("const double", c.pointed(now), start))
-                arguments.append(c.pointed(now) if size == 1 else now)
+                lines.append(c.declare("const double", c.value_at(now), start))
+                arguments.append(c.value_at(now) if size == 1 else now)
             else:
                 arguments.append(c.name(name) if i in whole else column(name, size))
         sizes = [inner.nnz_out(i) for i in range(len(outputs))]
@@ -289,7 +289,7 @@ class Functions:
             n, given = f.nnz_out(i), made._real(made.values[node])
             if n == 1:
                 given = element(given, 0)
-                to = c.pointed(to) if to.kind == "name" else to
+                to = c.value_at(to) if to.kind == "name" else to
                 lines.append(c.give(given) if returns else c.assign(to, given))
             elif given != c.index(to, AT):
                 lines += loop(n, c.assign(place(to, 0), given))
@@ -376,7 +376,7 @@ def column(array: str, size: int, by: str = "i") -> C:
 def _parameter(pointer: str, name: str, size: int) -> C:
     """Parameter of a function: a number, an array; what it gives by address."""
     kind = "double" if size == 1 or pointer else "const double"
-    named = c.pointed(c.name(name)) if pointer and size == 1 else c.name(name)
+    named = c.value_at(c.name(name)) if pointer and size == 1 else c.name(name)
     return c.declare(kind, named, size=size)
 
 

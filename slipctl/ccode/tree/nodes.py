@@ -151,12 +151,12 @@ def pointer(to: Node) -> Node:
     return to if to.kind == "unary" and to.head == "&" else address(to)
 
 
-def pointed(by: Node) -> Node:
+def value_at(by: Node) -> Node:
     """What an address is of."""
     return Node("unary", "*", (by,))
 
 
-def unused(argument: str) -> Node:
+def mark_unused(argument: str) -> Node:
     """A statement that says that an argument is not used."""
     return do(Node("cast", "void", (name(argument),)))
 
@@ -252,6 +252,6 @@ def words(nodes: Iterable[Node]) -> set[str]:
     return set().union(*(n.words for n in nodes))
 
 
-def swapped(nodes: Iterable[Node], names: dict[str, Node]) -> list[Node]:
+def swap_all(nodes: Iterable[Node], names: dict[str, Node]) -> list[Node]:
     """Nodes with other nodes in the place of variables."""
     return [n.swap(names) for n in nodes]

@@ -120,7 +120,7 @@ def loop(n: int, statement: Node) -> list[Node]:
     return [c.loop(n, [element(statement, c.name("i"))])]
 
 
-def filled(kind: str, array: Node | str, values: Iterable[Node]) -> Node:
+def array_of(kind: str, array: Node | str, values: Iterable[Node]) -> Node:
     """Declaration of an array with its elements."""
     given = Node("list", "", tuple(values))
     base = c.name(array) if isinstance(array, str) else array
