@@ -1,0 +1,133 @@
+"""What gives an axle its command: slip control where it can be relied on, else the safe output.
+
+``safe`` stands behind the slip control of each axle (``failure.trust`` before it). It gives the
+demand while the samples of its axle are not believed, after a start, below the cut-off speed, and
+when the axle or the whole train has been released for too long. ``sample`` and the floor of a
+searched reference keep what is not believed out of what is learnt.
+"""
+
+from __future__ import annotations
+
+from casadi import fabs, fmax, fmin, if_else, logic_and, logic_not, logic_or
+
+from slipctl import Block, Input, Output, Param, State, law, step
+from slipctl.models.common_form import ADDED, T_S
+from slipctl.models.vehicle.failure import (
+    BEHIND,
+    MEASURED,
+    NEVER,
+    all_hold,
+    limited,
+    time_without_break,
+)
+
+
+def safe_command(mode: str | float, driven: bool = False) -> Block:
+    """Make what gives an axle its command, by slip control or without it.
+
+    Args:
+        mode: what an axle gets on which slip control cannot be relied on: ``"demand"``, ``"hold"``
+            (the last command, never above the demand) or a torque in N m (never above it).
+        driven: for a driven axle, which gets that too where a brake would get the demand because
+            it has been released for too long.
+    """
+
+    @step(
+        T_cmd=Output("N m", "commanded torque", positive="braking", lo=0, hi="T_max"),
+        released=Output("1", "1 while the limit of a release gives the demand", lo=0, hi=1),
+        name="safe", choices={"mode": mode, "driven": driven},
+    )  # fmt: skip
+    def commanding(
+        T_h=State("N m", "T_max", "last command", lo=0, hi="T_max"),
+        let_go=State("s", 0.0, "time of release without a break", lo=0, hi=NEVER),
+        back=State("s", 0.0, "time for which the demand is given after it", lo=0, hi=10),
+        slow=State("1", 0.0, "1 until the command has reached the demand", lo=0, hi=1),
+        T_slip=Input("N m", "torque by slip control, at most the demand", positive="braking"),
+        T_demand=Input("N m", "torque that is demanded", positive="braking"),
+        on=Input("1", "1 while slip control rules"),
+        ready=Input("1", "1 where slip control can go by the samples"),
+        sound=Input("1", "1 where the law's states are in their ranges"),
+        stands=Input("1", "1 where a wheel that is let go does not run up"),
+        v=Input("m/s", "vehicle speed that is believed"),
+        retry=Input("1", "1 while the train gets the demand after a long release"),
+        T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
+        v_off=Param("m/s", 1.0, "speed below which slip control is off", ADDED, lo=0, hi=200),
+        rate=Param("1/s", 12.0, "largest torques by which a command without slip control rises",
+                   ADDED, lo=0.1, hi=1e4),
+        limit=Param("s", 10.0, "longest release", ADDED, lo=0.1, hi=900),
+        limit_still=Param("s", 3.0, "longest release of a wheel that does not run up", ADDED,
+                          lo=0.1, hi=900),
+        again=Param("s", 1.0, "time of the demand after it", ADDED, lo=0.01, hi=10),
+        T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
+    ):  # fmt: skip
+        """Slip control's torque where it can be relied on, else the demand; never above that."""
+        top = limited(T_demand, 0, T_max)
+        held = logic_and(back <= 0, retry < 0.5)
+        relied = all_hold([ready > 0.5, sound > 0.5, held, v >= v_off])
+        rests = top if mode == "demand" else fmin(T_h if mode == "hold" else float(mode), top)
+        gives = if_else(logic_and(ready > 0.5, held) if driven else ready > 0.5, top, rests)
+        wanted = if_else(relied, fmin(T_slip, top), gives)
+        # what is not slip control's own rises slowly, and so does its way back to the demand
+        ramp = logic_and(logic_or(logic_not(relied), slow > 0.5), on < 0.5)
+        T_cmd = if_else(ramp, fmin(wanted, T_h + rate * T_max * T), wanted)
+        lets = all_hold([relied, on > 0.5, top > 0.02 * T_max,
+                     logic_or(T_cmd < 0.1 * top, T_cmd < T_h)])  # fmt: skip
+        time = time_without_break(lets, let_go, T)
+        over = time >= if_else(stands > 0.5, fmin(limit, limit_still), limit)
+        rest = if_else(over, again, fmax(back - T, 0))
+        return (
+            dict(T_h=T_cmd, let_go=if_else(over, 0, time), back=rest,
+                 slow=logic_and(ramp, T_cmd < wanted)),
+            dict(T_cmd=T_cmd, released=logic_not(held)),
+        )  # fmt: skip
+
+    return commanding
+
+
+@law(
+    mu=Output("1", "adhesion for the estimator", positive="braking"),
+    v_s=Output("m/s", "slip speed for the estimator", positive="braking", per="speed"),
+    name="sample",
+)
+def sample(
+    mu_m=Input("1", "mean adhesion over the window", positive="braking"),
+    v_s_m=Input("m/s", "mean slip speed over the window", positive="braking", per="speed"),
+    ready=Input("1", "1 where slip control can go by the samples"),
+):
+    """What an estimator takes: (0, 0) while samples are not believed, which fits every law.
+
+    So it is where the wheel is ahead of the vehicle by more than noise: no law is meant for that.
+    """
+    good = logic_and(ready > 0.5, v_s_m >= -BEHIND)
+    mu = limited(mu_m, -MEASURED, MEASURED)
+    return dict(mu=if_else(good, mu, 0), v_s=if_else(good, v_s_m, 0))
+
+
+def reference_with_floor(peak: float, noise: float) -> Block:
+    """Make what a searched reference does not fall below, so that it cannot latch.
+
+    The smaller it is, the sooner an error of a speed is taken for slip. Then slip control releases,
+    nothing more is learnt, and it stays. So it is above what the speeds may be off by. It is never
+    above the peak of the law that is fitted: a rail is best there or at less.
+
+    Args:
+        peak: slip in m/s at which the law that is fitted has its peak.
+        noise: what the sensor of the vehicle's speed may be off by, in m/s.
+    """
+
+    @law(
+        v_best=Output("m/s", "slip to go to", positive="braking", per="speed"),
+        name="reference",
+    )
+    def reference(
+        searched=Input("m/s", "slip to go to, as searched", positive="braking", per="speed"),
+        v=Input("m/s", "vehicle speed that is believed"),
+        least=Param("m/s", min(noise, 5.0), "floor at standstill", ADDED, lo=0, hi=10),
+        share=Param("1", 0.045, "share of the speed that it has besides", ADDED, lo=0, hi=0.5),
+        most=Param("m/s", 0.85 * peak, "the floor is not above it", "below the law's own peak",
+                   lo=0.001, hi=20),
+    ):  # fmt: skip
+        """The searched slip, and not less than what speeds may be off by."""
+        return fmax(searched, fmin(least + share * fabs(v), most))
+
+    return reference
