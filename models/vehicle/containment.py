@@ -9,7 +9,7 @@ import numpy as np
 
 from slipctl import Block, Output
 from slipctl.block.block import Exprs
-from slipctl.block.fields import Composition
+from slipctl.block.fields import Composition, LawData
 
 NO_END = 1e300
 """End of a range that has none."""
@@ -48,6 +48,10 @@ def contained_block(block: Block) -> Block:
         doc=f"{block.doc}\n\nIt begins anew where a state leaves its range.",
         choices=block.choices | {"contained": True}, conditions=block.conditions,
         composition=Composition.around(block, rebuild),
+        law_data=LawData(failures=[
+            ("a state of an axle's law leaves its range", "each tick; `law.sound`",
+             "that law begins anew, its axle gets the demand in that tick", "", "one tick"),
+        ]),
     )  # fmt: skip
 
 

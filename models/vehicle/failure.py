@@ -236,6 +236,42 @@ class _Vehicle:
         return if_else(self.now, self.given, self.v)
 
 
+def _failures(turn: int) -> list[tuple[str, ...]]:
+    """Rows of what may fail among the inputs; see ``block/failures.py``."""
+    passes = "passes" if turn > 0 else "stays behind"
+    gone = f"the last good sample for {HOLD:g} s, then the axle gets the safe output"
+    return [
+        ("wheel speed is no number, off range, or moves faster than brake and rail can move a"
+         " wheel", "each sample; `trust.ok`", gone, "no slip control of that axle", f"{HOLD:g} s"),
+        (f"wheel speed {passes} the vehicle's by 3 % (10 % until the ratio is learnt) and 0.6 m/s",
+         "each sample; `trust.ok`", gone, "no slip control of that axle", f"{HOLD:g} s"),
+        ("wheel speed stands, or is too low", "the axle does not run up when it is let go;"
+         " `trust.stands`, `trust.ok`", "the axle gets the safe output for 10 s, then it is tried"
+         " again", "about 0.5 s of release in 10 s", "0.5 s"),
+        ("vehicle speed is no number, off range, jumps, is off by a share or drifts",
+         "it is {gate} from what momentum predicts and the wheels contradict it; `trust.v_ok`",
+         "the axles go by the prediction, held up by the second fastest wheel"
+         if turn > 0 else "the axles go by the prediction, held down by the second slowest wheel",
+         "slip control goes on", "each sample; a drift of 0.5 m/s^2 within 2.2 s"),
+        ("vehicle speed is frozen", "one and the same number while momentum and wheels have moved"
+         " by {unseen}; `trust.v_ok`", "the same", "slip control goes on", "that change"),
+        ("vehicle speed is wrong and not seen so", "more than half of the wheels are let go, agree"
+         " and do not run up; `trust.v_ok`", "the wheels are believed", "slip control goes on",
+         "0.25 s after the release"),
+        ("measured torque is no number, off range, or not as commanded by a quarter of the largest"
+         " (valve or pressure sensor stuck)", "the model of the actuator; `trust.follows`",
+         "the torque as commanded stands for it", "a brake that is stuck", "{react}"),
+        ("demand is no number", "each sample; `trust.demand_ok`", f"the last one for {HOLD:g} s,"
+         " then {lost}", "that demand", f"{HOLD:g} s"),
+        ("start or restart in motion", f"fewer than {SETTLED:g} s of good samples; `trust.ready`",
+         "the demand", f"no slip control for {SETTLED:g} s", "the first tick"),
+        ("all axles together are released too long", "the commands fall or are below a tenth of"
+         " the demand; `trust.retry`", "the demand for {again}, then slip control again"
+         if turn > 0 else "the safe output for {again}, then slip control again", "",
+         "{limit}"),
+    ]  # fmt: skip
+
+
 def trust(axles: int, driven: bool, **numbers: float) -> Block:
     """Make the judge of all inputs: what of them is believed, and what stands for the rest.
 
@@ -264,7 +300,7 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
         stands=Output("1", "1 where a wheel let go does not run up", shape=each, lo=0, hi=1),
         ratio=Output("1", "speed of the vehicle over that of a wheel that rolls", shape=each),
         retry=Output("1", "1 while the train gets the demand after a long release", lo=0, hi=1),
-        name="trust", choices={"axles": n, "driven": driven},
+        name="trust", choices={"axles": n, "driven": driven}, failures=_failures(turn),
     )  # fmt: skip
     def judging(
         omega_h=State("rad/s", "omega_start", "last wheel speed that was believed", shape=each),
@@ -321,7 +357,7 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
         v_start=Param("m/s", 20.0, "vehicle speed at the start", ADDED, lo=0, hi=200),
         omega_start=Param("rad/s", 40.0, "wheel speed at the start", ADDED, lo=0, hi=1e3),
     ):  # fmt: skip
-        """Judge every input; see the module."""
+        """Judge every input: what is believed of it, and what stands for it where it is not."""
         s = dict(omega_h=omega_h, out=out, ratio=ratio_h, learnt=learnt, mean=mean, still=still,
                  ban=ban, torque=torque, odd=odd, v_h=v_h, bias=bias, v_ok=seen, off=off, on=on,
                  back=back, given_h=given_h, lead_h=lead_h, moved=moved, age=age,

@@ -22,6 +22,23 @@ from slipctl.models.vehicle.failure import (
 )
 
 
+def _failures(mode: str | float, driven: bool) -> list[tuple[str, ...]]:
+    """Rows of what the safe output does; see ``block/failures.py``."""
+    word = {"demand": "the demand", "hold": "the last command"}
+    rests = word[mode] if isinstance(mode, str) else f"{mode:g} N m"
+    rise = "from zero to the largest torque in {1/rate}"
+    return [
+        ("the samples of an axle are not believed", "`trust.ready`",
+         f"the safe output: {rests}, never above the demand, {rise}",
+         "no slip control of that axle", "{1/rate}"),
+        ("an axle is released too long", "its command falls or is below a tenth of the demand;"
+         " `safe.released`", f"{rests if driven else 'the demand'} for {{again}}, then slip control"
+         " again", "", "{limit}; {limit_still} where the wheel does not run up"),
+        ("the vehicle is slower than {v_off}", "the believed speed", f"the demand, {rise}",
+         "no slip control", "at once"),
+    ]  # fmt: skip
+
+
 def safe_command(mode: str | float, driven: bool = False) -> Block:
     """Make what gives an axle its command, by slip control or without it.
 
@@ -35,7 +52,7 @@ def safe_command(mode: str | float, driven: bool = False) -> Block:
     @step(
         T_cmd=Output("N m", "commanded torque", positive="braking", lo=0, hi="T_max"),
         released=Output("1", "1 while the limit of a release gives the demand", lo=0, hi=1),
-        name="safe", choices={"mode": mode, "driven": driven},
+        name="safe", choices={"mode": mode, "driven": driven}, failures=_failures(mode, driven),
     )  # fmt: skip
     def commanding(
         T_h=State("N m", "T_max", "last command", lo=0, hi="T_max"),
