@@ -30,12 +30,13 @@ def failure_tables(loops: Mapping[str, Block], table: Table) -> str:
     for name, loop in loops.items():
         if rows := failures_of(loop):
             by_rows.setdefault(tuple(rows), []).append(name)
-    return "".join(
-        f"<details><summary>What {escape(', '.join(names))} {'do' if len(names) > 1 else 'does'}"
-        f" when something fails</summary>{table(FAILURE_HEAD, [[_coded(c) for c in r] for r in rows])}"
-        "</details>"
-        for rows, names in by_rows.items()
-    )
+    out = []
+    for rows, names in by_rows.items():
+        head = f"What {', '.join(names)} {'do' if names[1:] else 'does'} when something fails"
+        cells = [[_coded(text) for text in row] for row in rows]
+        out.append(f"<details><summary>{escape(head)}</summary>{table(FAILURE_HEAD, cells)}")
+        out.append("</details>")
+    return "".join(out)
 
 
 def _coded(text: str) -> Html:
