@@ -261,7 +261,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise BadInput("one vehicle's file at a time: metro.toml, or metro.toml:pid")
         rows = vehicle_table(path, [name] if name else [], options.c)
         if options.out:
-            store.write_json(Path(options.out), {"file": Path(path).name, "rows": rows})
+            kept = vehicle_faults.worst_rows(rows)
+            store.write_json(Path(options.out), {"file": Path(path).name, "rows": kept})
         return int(any(row["latched"] or row["c_differs"] for row in rows))
     found: dict[str, dict[str, Any]] = {}
     if options.out and Path(options.out).exists():

@@ -9,6 +9,7 @@ rail could carry the demand.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -281,6 +282,19 @@ def _longest(true: np.ndarray) -> int:
     """Length of the longest stretch of true values."""
     edges = np.flatnonzero(np.diff(np.r_[0, true.astype(int), 0]))
     return int((edges[1::2] - edges[::2]).max(initial=0))
+
+
+def worst_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The worst of each fault over how long it lasts: a row by controller, situation and fault."""
+    found: dict[tuple[str, str, str], dict[str, Any]] = {}
+    for row in rows:
+        fault = re.sub(r" from \S+ s (for ever|for \S+ s)", "", row["fault"])
+        key = row["controller"], row["situation"], fault
+        worst = found.setdefault(key, {**row, "fault": fault})
+        for name, value in row.items():
+            if not isinstance(value, str) and value is not None:
+                worst[name] = max(worst[name], value)
+    return list(found.values())
 
 
 def _place(signal: str, axles: int) -> int:
