@@ -22,7 +22,7 @@ from slipctl.draw.plots import pretty
 from slipctl.run import store
 from slipctl.run.metrics import METRICS
 from slipctl.run.results import Results
-from slipctl.study.declaration import FAILED, OPEN, REPRODUCED, Verdict
+from slipctl.study.declaration import FAILED, OPEN, REPRODUCED
 from slipctl.study.provenance import provenance
 from slipctl.study.report.failure_tables import Html, failure_tables
 from slipctl.study.report.page_style import STYLE as STYLE
@@ -42,6 +42,7 @@ from slipctl.study.report.texts import (
     tolerance_text,
     verdicts_of_run,
 )
+from slipctl.study.verdicts import Verdict
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
