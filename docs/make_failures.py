@@ -1,7 +1,7 @@
 """The tables of failures.md: ``python docs/make_failures.py [--check]``.
 
-What a controller does follows from its model: the file that ``slipctl new metro`` writes. What that
-comes to is in evidence/vehicle_faults.json, which ``python -m bench.faults metro.toml --c`` measures.
+What a controller does follows from its model: the file that ``slipctl new metro`` writes. What
+that comes to is in evidence/vehicle_faults.json: ``python -m bench.faults metro.toml --c``.
 """
 
 from __future__ import annotations

@@ -98,7 +98,7 @@ def spoiled(axles: int) -> Block:
         y=Output("1", "readings", shape=(size,)), name="spoil", choices={"axles": n},
         units="printed",
     )  # fmt: skip
-    def wrong(
+    def wrong(  # type: ignore[no-untyped-def]
         held=State("1", 0.0, "last good readings", shape=(size,)),
         t=State("1", 0.0, "time"),
         u=Input("1", "true readings", shape=(size,)),
@@ -140,12 +140,12 @@ def _bundle(axles: int) -> tuple[Block, Block]:
             parts.items()}  # fmt: skip
 
     @law(u=Output("1", "all", shape=(2 * n + 2,)), name="gather", units="printed")
-    def gather(v=ins["v"], omega=ins["omega"], T=ins["T"], T_demand=ins["T_demand"]):
+    def gather(v=ins["v"], omega=ins["omega"], T=ins["T"], T_demand=ins["T_demand"]):  # type: ignore[no-untyped-def]
         """All readings."""
         return vertcat(v, omega, T, T_demand)
 
     @law(**outs, name="apart", units="printed")
-    def apart(y=Input("1", "all", shape=(2 * n + 2,))):
+    def apart(y=Input("1", "all", shape=(2 * n + 2,))):  # type: ignore[no-untyped-def]
         """Each reading."""
         return dict(v=y[0], omega=y[1 : n + 1], T=y[n + 1 : 2 * n + 1], T_demand=y[2 * n + 1])
 
@@ -192,7 +192,7 @@ class Campaign:
 
     def __init__(self, trip: Trip, name: str, situation: str) -> None:
         """Prepare the loop."""
-        self.trip, self.loop = situations(trip)[situation], None
+        self.trip = situations(trip)[situation]
         self.axles = len(trip.vehicle.worked)
         self.loop = faulty_loop(self.trip, name)
         self.names = ["plant.train.v", "plant.train.x", "ctl.T_cmd", "demand.T_demand", "slip.y",

@@ -31,9 +31,9 @@ def failure_tables(loops: Mapping[str, Block], table: Table) -> str:
         if rows := failures_of(loop):
             by_rows.setdefault(tuple(rows), []).append(name)
     out = []
-    for rows, names in by_rows.items():
+    for told, names in by_rows.items():
         head = f"What {', '.join(names)} {'do' if names[1:] else 'does'} when something fails"
-        cells = [[_coded(text) for text in row] for row in rows]
+        cells = [[_coded(text) for text in row] for row in told]
         out.append(f"<details><summary>{escape(head)}</summary>{table(FAILURE_HEAD, cells)}")
         out.append("</details>")
     return "".join(out)
