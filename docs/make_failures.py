@@ -14,7 +14,7 @@ from typing import Any
 
 from made import made
 
-from slipctl.block.failures import FAILURE_HEAD, failures_of
+from slipctl.block.text.failures import FAILURE_HEAD, failures_of
 from slipctl.models.vehicle import trip as trips
 from slipctl.study.files.trip_files import load_trip
 

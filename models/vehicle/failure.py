@@ -55,7 +55,7 @@ def all_hold(conditions: Sequence[Any]) -> Any:
     return reduce(logic_and, conditions)
 
 
-def limited(x: Any, lo: Any, hi: Any) -> Any:
+def clip_to_range(x: Any, lo: Any, hi: Any) -> Any:
     """Number, or the end of its range that is nearest to it."""
     return fmin(fmax(x, lo), hi)
 
@@ -86,7 +86,7 @@ class _Axle:
         self.omega = if_else(self.can, raw, last)
         self.step = if_else(out >= NEVER, 0, self.omega - last)
         beside = s["ratio"][k] - 1
-        self.ratio = 1 + beside - limited(beside, -s["alike"], s["alike"])
+        self.ratio = 1 + beside - clip_to_range(beside, -s["alike"], s["alike"])
         self.speed = self.ratio * s["r"] * self.omega
         self.candidate = logic_and(self.can, s["ban"][k] <= 0)
         slowed = if_else(out >= NEVER, turn * self.omega, s["mean"][k])
@@ -182,7 +182,7 @@ class _Vehicle:
         """Whether the sensor has stayed at one number while wheels and momentum have moved."""
         s = self.s
         same = fabs(self.given - s["given_h"]) <= 0
-        self.moved = if_else(same, limited(s["moved"] + change, -NEVER, NEVER), 0)
+        self.moved = if_else(same, clip_to_range(s["moved"] + change, -NEVER, NEVER), 0)
         self.lead_then = if_else(same, s["lead_h"], self.lead)
         self.frozen = all_hold([same, self.count >= 1, fabs(self.moved) > s["unseen"],
                                 fabs(self.lead - self.lead_then) > s["unseen"]])  # fmt: skip
@@ -229,15 +229,15 @@ class _Vehicle:
         by_sensor = if_else(self.apart, self.beside, by_sensor)
         v = self.predicted + if_else(self.now, by_sensor, if_else(self.count >= 1, by_wheels, 0))
         learns = all_hold([alike, self.now, s["age"] > 0.3, logic_not(self.apart)])
-        self.bias = limited(s["bias"] + if_else(learns, middle * T / 3, 0), -DRAG, DRAG)
+        self.bias = clip_to_range(s["bias"] + if_else(learns, middle * T / 3, 0), -DRAG, DRAG)
         self.v_ok = if_else(wrong, 0, self.v_ok)
-        self.v = limited(if_else(wrong, self.lead, v), -2, s["fastest"])
+        self.v = clip_to_range(if_else(wrong, self.lead, v), -2, s["fastest"])
         self.now = logic_and(self.now, logic_not(wrong))
         return if_else(self.now, self.given, self.v)
 
 
 def _failures(turn: int) -> list[tuple[str, ...]]:
-    """Rows of what may fail among the inputs; see ``block/failures.py``."""
+    """Rows of what may fail among the inputs; see ``block/text/failures.py``."""
     passes = "passes" if turn > 0 else "stays behind"
     gone = f"the last good sample for {HOLD:g} s, then the axle gets the safe output"
     return [
@@ -385,7 +385,7 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
         known = logic_and(T_demand >= -far, T_demand <= far)
         missing = time_without_break(logic_not(known), demand_out, T)
         wanted = if_else(known, T_demand, if_else(missing <= HOLD, demand_h, lost))
-        top, given = n * limited(wanted, 0, T_max), sum1(T_cmd)
+        top, given = n * clip_to_range(wanted, 0, T_max), sum1(T_cmd)
         lets = all_hold([top > 0.02 * n * T_max, given < 0.98 * top,
                          logic_or(given < 0.1 * top, given < total)])  # fmt: skip
         letting = time_without_break(lets, let_go, T)

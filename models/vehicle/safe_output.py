@@ -17,13 +17,13 @@ from slipctl.models.vehicle.failure import (
     MEASURED,
     NEVER,
     all_hold,
-    limited,
+    clip_to_range,
     time_without_break,
 )
 
 
 def _failures(mode: str | float, driven: bool) -> list[tuple[str, ...]]:
-    """Rows of what the safe output does; see ``block/failures.py``."""
+    """Rows of what the safe output does; see ``block/text/failures.py``."""
     word = {"demand": "the demand", "hold": "the last command"}
     rests = word[mode] if isinstance(mode, str) else f"{mode:g} N m"
     rise = "from zero to the largest torque in {1/rate}"
@@ -78,7 +78,7 @@ def safe_command(mode: str | float, driven: bool = False) -> Block:
         T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
     ):  # fmt: skip
         """Slip control's torque where it can be relied on, else the demand; never above that."""
-        top = limited(T_demand, 0, T_max)
+        top = clip_to_range(T_demand, 0, T_max)
         held = logic_and(back <= 0, retry < 0.5)
         relied = all_hold([ready > 0.5, sound > 0.5, held, v >= v_off])
         rests = top if mode == "demand" else fmin(T_h if mode == "hold" else float(mode), top)
@@ -116,7 +116,7 @@ def sample(
     So it is where the wheel is ahead of the vehicle by more than noise: no law is meant for that.
     """
     good = logic_and(ready > 0.5, v_s_m >= -BEHIND)
-    mu = limited(mu_m, -MEASURED, MEASURED)
+    mu = clip_to_range(mu_m, -MEASURED, MEASURED)
     return dict(mu=if_else(good, mu, 0), v_s=if_else(good, v_s_m, 0))
 
 

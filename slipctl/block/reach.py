@@ -42,7 +42,7 @@ def reach_text(law: Block) -> str:
     return f"{measured}; meant up to |{name}| = {law.law_data.meant_to:g}{unit}"
 
 
-def measured_to(law: Block, inputs: Mapping[str, Any]) -> dict[str, str]:
+def measured_reach(law: Block, inputs: Mapping[str, Any]) -> dict[str, str]:
     """What ``with_reach`` is given for points that were measured: the largest slip among them.
 
     Args:

@@ -14,7 +14,7 @@ import numpy as np
 
 from slipctl import __version__, registry
 from slipctl.block.block import Block
-from slipctl.block.reach import measured_to
+from slipctl.block.reach import measured_reach
 from slipctl.block.text.meanings import is_equation
 from slipctl.draw import plots
 from slipctl.errors import BadInput
@@ -165,7 +165,7 @@ def model_text(found: Fitted, base: Block, name: str, command: str) -> str:
             continue
         rows.append(f"    {n}={v.value!r},  # {v.unit}, {said}")
     unit = found.law.outputs[found.curve.output].unit
-    reach = measured_to(found.law, found.curve.inputs)
+    reach = measured_reach(found.law, found.curve.inputs)
     source = found.law.params[next(iter(found.values))].source
     return "\n".join([
         f'"""{base.name} fitted to {Path(found.curve.source).name}; edit it as you like.', "",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from slipctl.block.failures import FAILURE_HEAD, failures_of
+from slipctl.block.text.failures import FAILURE_HEAD, failures_of
 from slipctl.ccode.compile.board import EMULATOR, TARGETS, TOOLS
 from slipctl.ccode.compile.files import TOOLCHAIN
 from slipctl.ccode.module.header import CONTENT, memory, statuses

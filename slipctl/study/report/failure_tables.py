@@ -8,7 +8,7 @@ from html import escape
 from typing import Any
 
 from slipctl.block.block import Block
-from slipctl.block.failures import FAILURE_HEAD, failures_of
+from slipctl.block.text.failures import FAILURE_HEAD, failures_of
 
 Table = Callable[[Sequence[str], Iterable[Sequence[Any]]], str]
 

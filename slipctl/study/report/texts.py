@@ -223,7 +223,7 @@ def sections_line(results: Results, scenario: str) -> str:
     every = [m.rows for metrics in results.metrics[scenario].values() for m in metrics.values()]
     rows = max(every, key=len, default=())
     where = " / ".join(rows)
-    return f"Of several numbers each is of one section, in order: {where}" if rows[1:] else ""
+    return f"Sections in order: {where}" if rows[1:] else ""
 
 
 def failed_loops(results: Results, scenario: str) -> set[str]:
