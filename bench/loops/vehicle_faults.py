@@ -1,9 +1,9 @@
 """Wrong samples on each input of a vehicle's controllers, in closed loop: what they lead to.
 
 A fault stands between a sensor and the controller. It begins at some time, and lasts for a tick,
-for a while or for ever. Two may be there at once. A run is judged by what the plant knows: an axle
-is released wrongly while its command is below half of the demand, although its wheel rolls and the
-rail could carry the demand.
+for a while or for ever. Two may be there at once. A run is judged by what the plant knows. An axle
+is released wrongly while its command is below half of the demand, its wheel rolls, and the rail
+could carry the demand.
 """
 
 from __future__ import annotations

@@ -38,7 +38,6 @@ from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
 from slipctl.models.common_form import ADDED, T_S, Wheel
 from slipctl.models.predictive.predictive_slip import predictive
-from slipctl.models.vehicle.containment import contained_block
 from slipctl.models.vehicle.failure import trust
 from slipctl.models.vehicle.parts import (
     Controller,
@@ -54,7 +53,12 @@ from slipctl.models.vehicle.parts import (
     torque_of,
 )
 from slipctl.models.vehicle.ranges import of_inputs, searched_ranges, with_control_ranges
-from slipctl.models.vehicle.safe_output import reference_with_floor, safe_command, sample
+from slipctl.models.vehicle.safe_output import (
+    contained_block,
+    reference_with_floor,
+    safe_command,
+    sample,
+)
 from slipctl.study.resolve import load_block
 
 WINDOW = 16

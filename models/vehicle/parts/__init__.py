@@ -31,7 +31,8 @@ from slipctl.models.vehicle.parts.declaration import (
     torque_of,
 )
 from slipctl.models.vehicle.parts.demand import Constant, Most, Profile
-from slipctl.models.vehicle.parts.rail import Contamination, Patch, Slope, Stretch, Track
+from slipctl.models.vehicle.parts.pads import Pads
+from slipctl.models.vehicle.parts.rail import Contamination, Patch, Sand, Slope, Stretch, Track
 from slipctl.models.vehicle.parts.sensors import (
     Exact,
     NoisySpeed,
@@ -40,5 +41,5 @@ from slipctl.models.vehicle.parts.sensors import (
     ToothWheel,
     WheelsOnly,
 )
-from slipctl.models.vehicle.parts.trip import Assumed, Drawn, Limits, Trip
-from slipctl.models.vehicle.parts.vehicle import Davis, Vehicle
+from slipctl.models.vehicle.parts.trip import Assumed, Drawn, DrawnPatches, Limits, Trip
+from slipctl.models.vehicle.parts.vehicle import Car, Davis, Vehicle

@@ -1,0 +1,1 @@
+"""What is measured of a run: the run as metrics see it, and metrics of sliding wheels."""
