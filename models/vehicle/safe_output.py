@@ -2,8 +2,9 @@
 
 ``safe`` stands behind the slip control of each axle (``failure.trust`` before it). It gives
 the demand while the samples of its axle are not believed, after a start, and below the cut-off
-speed. So it does when the axle or the whole train has been released for too long. ``sample`` and the floor of a
-searched reference keep what is not believed out of what is learnt.
+speed. So it does when the axle or the whole train has been released for too long. ``sample`` and
+the floor of a searched reference keep what is not believed out of what is learnt. A law whose
+states leave their ranges begins anew, on its axle alone.
 """
 
 from __future__ import annotations
