@@ -1,5 +1,7 @@
 """Wrong samples on each input of every controller in C, in closed loop: what they lead to.
 
+``python -m bench.faults metro.toml[:CONTROLLER] [--c] [--out FILE]`` runs those of a vehicle's file
+(:mod:`bench.loops.vehicle_faults`), on the C as on the model with ``--c``.
 ``python -m bench.faults [STUDY[:LOOP[@SCENARIO]] ...] [--out FILE]`` runs every
 fault of :mod:`bench.loops.wrong_samples` at two instants of a run of each, and prints a line for
 each that does harm. Exit code 1 where one does; with ``--told FILE`` only one that the file does
@@ -18,13 +20,16 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from bench.loops import vehicle_faults
 from bench.loops.wrong_samples import NEAR, SETTLED, Fault, faults
 from slipctl.block.block import Block
 from slipctl.errors import BadInput
+from slipctl.models.vehicle.parts import DemandAlone
 from slipctl.models.zhang_2021 import hst_braking
 from slipctl.run import store
 from slipctl.run.rail import Scenario
 from slipctl.study import resolve
+from slipctl.study.files.trip_files import load_trip
 
 
 class Where(NamedTuple):
@@ -211,6 +216,33 @@ def said(f: Fault) -> str:
     return f"{f.signal} {f.kind}, {f.ticks} ticks at {f.at:g} s: {back}{missed}{locks}"
 
 
+def vehicle_table(path: str, wanted: Sequence[str], in_c: bool) -> list[dict[str, Any]]:
+    """Rows of the campaign of a vehicle's file: controller, situation, fault, what came of it.
+
+    Args:
+        path: the file.
+        wanted: names of controllers; none takes all that slip control has.
+        in_c: compare each run with the C, to the last bit.
+    """
+    trip = load_trip(path)
+    rows: list[dict[str, Any]] = []
+    names = [n for n, c in trip.controllers.items() if not isinstance(c, DemandAlone)]
+    for name in wanted or names:
+        for situation in vehicle_faults.situations(trip):
+            campaign = vehicle_faults.Campaign(trip, name, situation)
+            with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
+                c = vehicle_faults.InC(campaign, Path(scratch)) if in_c else None
+                for faults_ in [(), *vehicle_faults.table_of_faults(trip)]:
+                    log = campaign.log(*faults_)
+                    row = {"controller": name, "situation": situation,
+                           "fault": "; ".join(map(str, faults_)) or "none",
+                           **asdict(campaign.outcome(log)),
+                           "c_differs": c.differs(log) if c else None}  # fmt: skip
+                    rows.append(row)
+                    print(*row.values(), sep="  ", flush=True)
+    return rows
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the faults."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -221,7 +253,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--told", help="evidence, docs/evidence/wrong_samples.json: harm in it is known"
     )
+    parser.add_argument("--c", action="store_true", help="a vehicle's file: its C, too")
     options = parser.parse_args(arguments)
+    if any(name.partition(":")[0].endswith(".toml") for name in options.loops):
+        (path, _, name), *more = (n.partition(":") for n in options.loops)
+        if more:
+            raise BadInput("one vehicle's file at a time: metro.toml, or metro.toml:pid")
+        rows = vehicle_table(path, [name] if name else [], options.c)
+        if options.out:
+            kept = vehicle_faults.worst_rows(rows)
+            store.write_json(Path(options.out), {"file": Path(path).name, "rows": kept})
+        return int(any(row["latched"] or row["c_differs"] for row in rows))
     found: dict[str, dict[str, Any]] = {}
     if options.out and Path(options.out).exists():
         found = store.read_json(Path(options.out))["controllers"]

@@ -27,8 +27,8 @@ from slipctl.ccode.compile.module import input_rows
 from slipctl.ccode.module.header import bit
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.module.shapes import c_elements
-from slipctl.ccode.ship.fmu import VERSIONS, is_plant
-from slipctl.ccode.ship.fmu_xml import Variable, variables
+from slipctl.ccode.ship.fmu import VERSIONS
+from slipctl.ccode.ship.fmu_xml import Variable, is_plant, variables
 from slipctl.run import store
 from slipctl.study import resolve
 
@@ -73,7 +73,8 @@ def opened_by_fmpy(
     signals["time"] = np.arange(len(rows)) * h
     for n, column in zip(names[1:], rows.T, strict=True):
         signals[n] = column
-    begin = _elements(found, "parameter", params) | _elements(found, "local", start)
+    begin = _elements(found, ("parameter",), params)
+    begin |= _elements(found, ("local", "output"), start)
     report: dict[str, dict[str, Any]] = {}
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         codegen.export(block, Path(scratch) / "c", plan.name, period=loop.period, fmus=True)
@@ -104,11 +105,14 @@ def _recorded(
     return loop[part], codegen.logged_inputs(loop, part, data), params, start
 
 
-def _elements(found: list[Variable], causality: str, values: dict[str, Any]) -> dict[str, float]:
+def _elements(
+    found: list[Variable], causalities: tuple[str, ...], values: dict[str, Any]
+) -> dict[str, float]:
     """Values of scalar variables from those of signals."""
     given: dict[str, float] = {}
     for name, value in values.items():
-        own = [v for v in found if v.causality == causality and v.member.name == name]
+        own = [v for v in found if v.causality in causalities and v.initial != "calculated"
+               and v.member.name == name]  # fmt: skip
         given |= dict(zip((v.name for v in own), c_elements(own[0].member, value), strict=True))
     return {n: float(v) for n, v in given.items()}
 
@@ -131,7 +135,8 @@ def _wanted(
             plan, rows, told, np.array(now).T[good], run.states[good], params
         ).outputs
     found = variables(plan)
-    names = [[v.name for v in found if v.causality == c] for c in ("output", "local")]
+    shown = [v for v in found if v.causality in ("output", "local")]
+    names = [[v.name for v in shown if (v.initial == "calculated") == out] for out in (True, False)]
     wanted: dict[str, np.ndarray] = {}
     for group, values in zip(names, (outputs, run.states), strict=True):
         wanted |= dict(zip(group, values.T, strict=True))

@@ -38,8 +38,7 @@ from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
 from slipctl.models.common_form import ADDED, T_S, Wheel
 from slipctl.models.predictive.predictive_slip import predictive
-from slipctl.models.vehicle.containment import contained_block
-from slipctl.models.vehicle.failure import reference_with_floor, safe_command, sample, trust
+from slipctl.models.vehicle.failure import trust
 from slipctl.models.vehicle.parts import (
     Controller,
     DemandAlone,
@@ -54,6 +53,12 @@ from slipctl.models.vehicle.parts import (
     torque_of,
 )
 from slipctl.models.vehicle.ranges import of_inputs, searched_ranges, with_control_ranges
+from slipctl.models.vehicle.safe_output import (
+    contained_block,
+    reference_with_floor,
+    safe_command,
+    sample,
+)
 from slipctl.study.resolve import load_block
 
 WINDOW = 16
@@ -340,7 +345,8 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
         alone = connect("ctl", wires, apply=demand_alone.with_params(T_max=w.T_max))
         return replicate(with_control_ranges(alone, trip, w), axles, ["T_demand"])
     parts, wires = _axle(trip, part, w)
-    parts["sample"], parts["safe"] = sample, safe_command(safe_output(trip)).with_params(
+    driven = trip.vehicle.mode == "drive"
+    parts["sample"], parts["safe"] = sample, safe_command(safe_output(trip), driven).with_params(
         v_off=trip.control.off, limit=trip.control.release,
         limit_still=trip.control.release_still,
     )  # fmt: skip
@@ -348,15 +354,15 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
         "sample.mu_m": "meter.mu_m", "sample.v_s_m": "meter.v_s_m", "sample.ready": "trust.ready",
         "safe.T_slip": "apply.T_cmd", "safe.T_demand": "trust.demand", "safe.on": "wake.on",
         "safe.ready": "trust.ready", "safe.sound": "law.sound", "safe.stands": "trust.stands",
-        "safe.v": "trust.v", "T_cmd": "safe.T_cmd",
+        "safe.v": "trust.v", "safe.retry": "trust.retry", "T_cmd": "safe.T_cmd",
     }  # fmt: skip
-    one = ("trust.v", "trust.demand")
+    one = ("trust.v", "trust.demand", "trust.retry")
     common = {k for k, source in wires.items() if source in one} | {"fall.a_R", "probe.limit"}
     copies = {
         name: replicate(block, axles, [n for n in block.inputs if f"{name}.{n}" in common])
         for name, block in parts.items()
     }
-    judge = trust(axles, trip.vehicle.mode == "drive", **of_inputs(trip, w))
+    judge = trust(axles, driven, **of_inputs(trip, w))
     wires |= {
         "trust.v": "v", "trust.omega": "omega", "trust.T_b": "T", "trust.T_demand": "T_demand",
         "trust.T_cmd": "safe.T_h",

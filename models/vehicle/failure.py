@@ -4,9 +4,8 @@
 
 ``trust`` judges every input before anything else sees it, and hands on numbers that are finite
 and in their ranges. What it does not believe of one axle stays with that axle, and the vehicle's
-speed has a fall-back of its own. ``safe`` gives an axle its demand where slip control cannot be
-relied on. That is while a sample of its own is not believed, after a start, below the cut-off
-speed, and when it has been released for too long.
+speed has a fall-back of its own. ``safe`` (:mod:`slipctl.models.vehicle.safe_output`) gives an axle
+its demand where slip control cannot be relied on.
 
 The speed that is believed follows from the momentum of vehicle and wheels together. The rail turns
 one into the other, so their sum changes by the brakes alone, whatever the adhesion is:
@@ -24,9 +23,9 @@ from collections.abc import Sequence
 from functools import reduce
 from typing import Any
 
-from casadi import SX, fabs, fmax, fmin, if_else, logic_and, logic_not, logic_or, vertcat
+from casadi import SX, fabs, fmax, fmin, if_else, logic_and, logic_not, logic_or, sum1, vertcat
 
-from slipctl import Block, Input, Output, Param, State, law, step
+from slipctl import Block, Input, Output, Param, State, step
 from slipctl.models.common_form import ADDED, T_S
 
 HOLD = 0.2
@@ -51,19 +50,17 @@ MEASURED = 2.0
 """Largest adhesion that a sample may have: twice what steel on steel can."""
 
 
-def _all(conditions: Sequence[Any]) -> Any:
+def all_hold(conditions: Sequence[Any]) -> Any:
+    """Whether all conditions hold."""
     return reduce(logic_and, conditions)
 
 
-def _any(conditions: Sequence[Any]) -> Any:
-    return reduce(logic_or, conditions)
-
-
-def _limited(x: Any, lo: Any, hi: Any) -> Any:
+def clip_to_range(x: Any, lo: Any, hi: Any) -> Any:
+    """Number, or the end of its range that is nearest to it."""
     return fmin(fmax(x, lo), hi)
 
 
-def _timed(condition: Any, time: Any, T: Any) -> Any:
+def time_without_break(condition: Any, time: Any, T: Any) -> Any:
     """Time in s for which a condition has held without a break."""
     return if_else(condition, fmin(time + T, NEVER), 0)
 
@@ -82,14 +79,14 @@ class _Axle:
         way = (out + T) / J
         noise = s["noise"] + if_else(fabs(last) < s["slow"], s["noise_slow"], 0)
         there = turn * (raw - last)
-        moved = _all([there >= -(braked + 0.1 * self.rail) * way - noise,
+        moved = all_hold([there >= -(braked + 0.1 * self.rail) * way - noise,
                       there <= (0.05 * T_max + 0.6 * self.rail) * way + noise])  # fmt: skip
         ranged = logic_and(raw >= -s["most"], raw <= s["most"])
         self.can = logic_and(ranged, logic_or(moved, out >= NEVER))
         self.omega = if_else(self.can, raw, last)
         self.step = if_else(out >= NEVER, 0, self.omega - last)
         beside = s["ratio"][k] - 1
-        self.ratio = 1 + beside - _limited(beside, -s["alike"], s["alike"])
+        self.ratio = 1 + beside - clip_to_range(beside, -s["alike"], s["alike"])
         self.speed = self.ratio * s["r"] * self.omega
         self.candidate = logic_and(self.can, s["ban"][k] <= 0)
         slowed = if_else(out >= NEVER, turn * self.omega, s["mean"][k])
@@ -107,7 +104,7 @@ class _Axle:
         ranged = logic_and(given >= -1.25 * s["T_max"], given <= 1.25 * s["T_max"])
         given = if_else(ranged, given, s["torque"][k])
         apart = logic_or(logic_not(ranged), fabs(given - self.modelled) > 0.25 * s["T_max"])
-        self.odd = _timed(apart, s["odd"][k], s["T"])
+        self.odd = time_without_break(apart, s["odd"][k], s["T"])
         self.follows = self.odd < s["react"]
         self.torque = if_else(logic_and(ranged, self.odd < 0.3), given, self.modelled)
         self.free = fmax(fabs(self.torque), fabs(self.modelled)) < fmin(
@@ -122,13 +119,13 @@ class _Axle:
         alike = if_else(s["learnt"][k] >= SETTLED, 0.03, WORN)
         self.taken = logic_and(self.can, slip >= -(alike * speed + 0.6))
         self.out = if_else(self.taken, 0, fmin(s["out"][k] + s["T"], NEVER))
-        idle = _all([self.taken, self.free, slip > fmax(0.6, 0.04 * speed), self.gain < 0.5])
-        self.still = _timed(idle, s["still"][k], s["T"])
+        idle = all_hold([self.taken, self.free, slip > fmax(0.6, 0.04 * speed), self.gain < 0.5])
+        self.still = time_without_break(idle, s["still"][k], s["T"])
         self.dead = self.still > 0.25
-        rolls = _all([self.free, fabs(self.gain) < 3])
+        rolls = all_hold([self.free, fabs(self.gain) < 3])
         passes = slip < -(0.01 * speed + 0.2)
         share = v / if_else(fabs(self.omega) > 1, s["r"] * self.omega, s["r"])
-        usable = _all([self.taken, sure, speed > 3, fabs(share - 1) <= WORN])
+        usable = all_hold([self.taken, sure, speed > 3, fabs(share - 1) <= WORN])
         learning = logic_and(usable, rolls)
         self.learnt = if_else(learning, fmin(s["learnt"][k] + s["T"], 1), s["learnt"][k])
         rate = if_else(learning, s["T"] / fmax(self.learnt, s["T"]),
@@ -167,6 +164,7 @@ class _Vehicle:
         self.predicted = if_else(self.begins, self._first(), predicted)
         self.speed = fabs(self.predicted)
         self.gate = s["gate"] + 0.005 * self.speed
+        self._stay(self.predicted - s["v_h"])
         self.beside = self.given - self.predicted
         self.wheels = if_else(self.count >= 1, self.lead - self.predicted, 0)
         sure = reduce(fmin, [s["learnt"][a.k] for a in axles])
@@ -174,16 +172,26 @@ class _Vehicle:
         passed = logic_and(self.count >= 2, ahead > if_else(sure >= SETTLED, 0.03, WORN)
                            * self.speed + 0.6)  # fmt: skip
         self.apart = fabs(self.beside) > self.gate
-        self.alike = _all([self.seen, self.count >= 2, fabs(self.given - self.lead) <= self.gate])
+        level = fabs(self.given - self.lead) <= self.gate
+        self.alike = all_hold([self.seen, self.count >= 2, level])
         # wheels and sensor together are right against the prediction, whatever made it wrong
-        self.near = _all([self.seen, logic_or(logic_not(self.apart), self.alike),
-                          logic_not(passed)])  # fmt: skip
+        self.near = all_hold([self.seen, logic_or(logic_not(self.apart), self.alike),
+                              logic_not(passed), logic_not(self.frozen)])  # fmt: skip
+
+    def _stay(self, change: Any) -> None:
+        """Whether the sensor has stayed at one number while wheels and momentum have moved."""
+        s = self.s
+        same = fabs(self.given - s["given_h"]) <= 0
+        self.moved = if_else(same, clip_to_range(s["moved"] + change, -NEVER, NEVER), 0)
+        self.lead_then = if_else(same, s["lead_h"], self.lead)
+        self.frozen = all_hold([same, self.count >= 1, fabs(self.moved) > s["unseen"],
+                                fabs(self.lead - self.lead_then) > s["unseen"]])  # fmt: skip
 
     def _first(self) -> Any:
         """Speed at the first tick: the sensor's, or that of wheels which agree against it."""
         lead, given, turn = self.lead, self.given, self.turn
         apart = fabs(lead - given) > WORN * fabs(lead) + 0.5
-        alike = _all([self.count >= 2, self.spread <= WORN * fabs(lead) + 0.5,
+        alike = all_hold([self.count >= 2, self.spread <= WORN * fabs(lead) + 0.5,
                       fabs(lead) >= 0.3 * fabs(given)])  # fmt: skip
         passed = logic_and(self.count >= 1, turn * (lead - given) > 0)
         wheels = logic_or(logic_not(self.seen), logic_and(apart, logic_or(alike, passed)))
@@ -193,13 +201,13 @@ class _Vehicle:
     def sensor(self) -> Any:
         """Whether the sensor is believed from now on."""
         s, T = self.s, self.s["T"]
-        self.off = _timed(logic_not(self.near), s["off"], T)
-        self.on = _timed(self.near, s["on"], T)
-        slides = _all([self.seen, self.spread > WORN * self.speed + 0.5,
+        self.off = time_without_break(logic_not(self.near), s["off"], T)
+        self.on = time_without_break(self.near, s["on"], T)
+        slides = all_hold([self.seen, self.spread > WORN * self.speed + 0.5,
                        self.turn * self.beside > 0,
                        fabs(self.beside) < WORN * self.speed + 2.0,
                        self.turn * (self.given - self.lead) > self.gate])  # fmt: skip
-        self.back = _timed(slides, s["back"], T)
+        self.back = time_without_break(slides, s["back"], T)
         stays = logic_and(s["v_ok"] > 0.5, self.off < 0.1)
         again = logic_or(self.on >= 0.3, self.back >= 1.0)
         at_first = logic_and(self.seen, fabs(self.beside) <= 0)
@@ -209,7 +217,7 @@ class _Vehicle:
     def believe(self, wrong: Any) -> Any:
         """The speed that is believed; ``wrong``: wheels that are let go show that it is not."""
         s, T, turn = self.s, self.s["T"], self.turn
-        alike = _all([self.count >= 1, self.near,
+        alike = all_hold([self.count >= 1, self.near,
                       fabs(self.given - self.lead) <= self.gate + 0.01 * self.speed])  # fmt: skip
         middle = if_else(alike, (self.beside + self.wheels) / 2, self.beside)
         by_sensor = middle * fmin(T / if_else(alike, 0.3, 1.5), 1)
@@ -220,12 +228,48 @@ class _Vehicle:
         self.now = logic_and(self.v_ok > 0.5, self.near)
         by_sensor = if_else(self.apart, self.beside, by_sensor)
         v = self.predicted + if_else(self.now, by_sensor, if_else(self.count >= 1, by_wheels, 0))
-        learns = _all([alike, self.now, s["age"] > 0.3, logic_not(self.apart)])
-        self.bias = _limited(s["bias"] + if_else(learns, middle * T / 3, 0), -DRAG, DRAG)
+        learns = all_hold([alike, self.now, s["age"] > 0.3, logic_not(self.apart)])
+        self.bias = clip_to_range(s["bias"] + if_else(learns, middle * T / 3, 0), -DRAG, DRAG)
         self.v_ok = if_else(wrong, 0, self.v_ok)
-        self.v = _limited(if_else(wrong, self.lead, v), -2, s["fastest"])
+        self.v = clip_to_range(if_else(wrong, self.lead, v), -2, s["fastest"])
         self.now = logic_and(self.now, logic_not(wrong))
         return if_else(self.now, self.given, self.v)
+
+
+def _failures(turn: int) -> list[tuple[str, ...]]:
+    """Rows of what may fail among the inputs; see ``block/text/failures.py``."""
+    passes = "passes" if turn > 0 else "stays behind"
+    gone = f"the last good sample for {HOLD:g} s, then the axle gets the safe output"
+    return [
+        ("wheel speed is no number, off range, or moves faster than brake and rail can move a"
+         " wheel", "each sample; `trust.ok`", gone, "no slip control of that axle", f"{HOLD:g} s"),
+        (f"wheel speed {passes} the vehicle's by 3 % (10 % until the ratio is learnt) and 0.6 m/s",
+         "each sample; `trust.ok`", gone, "no slip control of that axle", f"{HOLD:g} s"),
+        ("wheel speed stands, or is too low", "the axle does not run up when it is let go;"
+         " `trust.stands`, `trust.ok`", "the axle gets the safe output for 10 s, then it is tried"
+         " again", "about 0.5 s of release in 10 s", "0.5 s"),
+        ("vehicle speed is no number, off range, jumps, is off by a share or drifts",
+         "it is {gate} from what momentum predicts and the wheels contradict it; `trust.v_ok`",
+         "the axles go by the prediction, held up by the second fastest wheel"
+         if turn > 0 else "the axles go by the prediction, held down by the second slowest wheel",
+         "slip control goes on", "each sample; a drift of 0.5 m/s^2 within 2.2 s"),
+        ("vehicle speed is frozen", "one and the same number while momentum and wheels have moved"
+         " by {unseen}; `trust.v_ok`", "the same", "slip control goes on", "that change"),
+        ("vehicle speed is wrong and not seen so", "more than half of the wheels are let go, agree"
+         " and do not run up; `trust.v_ok`", "the wheels are believed", "slip control goes on",
+         "0.25 s after the release"),
+        ("measured torque is no number, off range, or not as commanded by a quarter of the largest"
+         " (valve or pressure sensor stuck)", "the model of the actuator; `trust.follows`",
+         "the torque as commanded stands for it", "a brake that is stuck", "{react}"),
+        ("demand is no number", "each sample; `trust.demand_ok`", f"the last one for {HOLD:g} s,"
+         " then {lost}", "that demand", f"{HOLD:g} s"),
+        ("start or restart in motion", f"fewer than {SETTLED:g} s of good samples; `trust.ready`",
+         "the demand", f"no slip control for {SETTLED:g} s", "the first tick"),
+        ("all axles together are released too long", "the commands fall or are below a tenth of"
+         " the demand; `trust.retry`", "the demand for {again}, then slip control again"
+         if turn > 0 else "the safe output for {again}, then slip control again", "",
+         "{limit}"),
+    ]  # fmt: skip
 
 
 def trust(axles: int, driven: bool, **numbers: float) -> Block:
@@ -255,7 +299,8 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
         follows=Output("1", "1 where the torque follows its command", shape=each, lo=0, hi=1),
         stands=Output("1", "1 where a wheel let go does not run up", shape=each, lo=0, hi=1),
         ratio=Output("1", "speed of the vehicle over that of a wheel that rolls", shape=each),
-        name="trust", choices={"axles": n, "driven": driven},
+        retry=Output("1", "1 while the train gets the demand after a long release", lo=0, hi=1),
+        name="trust", choices={"axles": n, "driven": driven}, failures=_failures(turn),
     )  # fmt: skip
     def judging(
         omega_h=State("rad/s", "omega_start", "last wheel speed that was believed", shape=each),
@@ -274,7 +319,13 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
         off=State("s", 0.0, "time that it has been another"),
         on=State("s", 0.0, "time that it has been the same"),
         back=State("s", 0.0, "time that wheels which slide have spoken for it"),
+        given_h=State("m/s", "v_start", "vehicle speed as its sensor told it last"),
+        lead_h=State("m/s", "v_start", "that of the wheels when its sensor told another"),
+        moved=State("m/s", 0.0, "change by momentum since then"),
         age=State("s", 0.0, "time since the start"),
+        total=State("N m", 0.0, "commands of all axles together"),
+        let_go=State("s", 0.0, "time that the train has been released in"),
+        rest=State("s", 0.0, "time for which it gets the demand after that"),
         demand_h=State("N m", 0.0, "last demand that was a number"),
         demand_out=State("s", 0.0, "time without one"),
         v=Input("m/s", "measured vehicle speed", judged=True),
@@ -291,6 +342,8 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
         T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
         react=Param("s", 0.8, "time to follow a command in", ADDED, lo=0.01, hi=10),
         gate=Param("m/s", 0.35, "largest error of the vehicle's speed", ADDED, lo=0.01, hi=50),
+        unseen=Param("m/s", 0.1, "change of it that its sensor may not show", ADDED, lo=0.01,
+                     hi=50),
         noise=Param("rad/s", 0.5, "what a wheel's sensor may be off by", ADDED, lo=0, hi=100),
         slow=Param("rad/s", 20.0, "below this speed it may be off by more", ADDED, lo=0, hi=1e3),
         noise_slow=Param("rad/s", 5.0, "that much more", ADDED, lo=0, hi=1e3),
@@ -298,17 +351,20 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
         fastest=Param("m/s", 120.0, "largest speed of the vehicle", ADDED, lo=1, hi=500),
         most=Param("rad/s", 430.0, "largest speed of a wheel", ADDED, lo=1, hi=5000),
         lost=Param("N m", 0.0, "demand where there is none any more", ADDED, lo=0, hi=1e8),
+        limit=Param("s", 5.0, "longest release of the train", ADDED, lo=0.1, hi=900),
+        again=Param("s", 1.0, "time of the demand after it", ADDED, lo=0.01, hi=10),
         T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
         v_start=Param("m/s", 20.0, "vehicle speed at the start", ADDED, lo=0, hi=200),
         omega_start=Param("rad/s", 40.0, "wheel speed at the start", ADDED, lo=0, hi=1e3),
     ):  # fmt: skip
-        """Judge every input; see the module."""
+        """Judge every input: what is believed of it, and what stands for it where it is not."""
         s = dict(omega_h=omega_h, out=out, ratio=ratio_h, learnt=learnt, mean=mean, still=still,
                  ban=ban, torque=torque, odd=odd, v_h=v_h, bias=bias, v_ok=seen, off=off, on=on,
-                 back=back, age=age, v=v, omega=omega, T_b=T_b, T_cmd=T_cmd, r=r, J=J, m=m,
+                 back=back, given_h=given_h, lead_h=lead_h, moved=moved, age=age,
+                 v=v, omega=omega, T_b=T_b, T_cmd=T_cmd, r=r, J=J, m=m,
                  m_axle=m_axle, g=g, tau=tau, T_max=T_max, react=react, gate=gate, noise=noise,
                  slow=slow, noise_slow=noise_slow, alike=alike, fastest=fastest, most=most,
-                 T=T)  # fmt: skip
+                 unseen=unseen, T=T)  # fmt: skip
         own = [_Axle(k, s, turn) for k in range(n)]
         car = _Vehicle(s, own, turn)
         sensed = car.sensor()
@@ -316,19 +372,24 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
             a.judge(if_else(logic_and(sensed, car.near), car.given, car.predicted),
                     logic_and(sensed, car.near))  # fmt: skip
         dead = sum(a.dead for a in own)
-        wrong = _all([car.count >= 2, 2 * dead > car.count,
+        wrong = all_hold([car.count >= 2, 2 * dead > car.count,
                       car.spread <= 0.05 * car.speed + 0.5])  # fmt: skip
         believed = car.believe(wrong)
         banned = [
             if_else(logic_and(a.dead, logic_not(wrong)), 10.0, fmax(ban[a.k] - T, 0)) for a in own
         ]
         okay = [logic_and(a.out < HOLD, b <= 0) for a, b in zip(own, banned, strict=True)]
-        good_ = [_timed(k, good[a.k], T) for k, a in zip(okay, own, strict=True)]
+        good_ = [time_without_break(k, good[a.k], T) for k, a in zip(okay, own, strict=True)]
         omegas = [if_else(a.taken, a.omega, omega_h[a.k]) for a in own]
         far = 250 * T_max
         known = logic_and(T_demand >= -far, T_demand <= far)
-        missing = _timed(logic_not(known), demand_out, T)
+        missing = time_without_break(logic_not(known), demand_out, T)
         wanted = if_else(known, T_demand, if_else(missing <= HOLD, demand_h, lost))
+        top, given = n * clip_to_range(wanted, 0, T_max), sum1(T_cmd)
+        lets = all_hold([top > 0.02 * n * T_max, given < 0.98 * top,
+                         logic_or(given < 0.1 * top, given < total)])  # fmt: skip
+        letting = time_without_break(lets, let_go, T)
+        over = letting >= limit
         nxt = dict(
             omega_h=omegas, out=[a.out for a in own], good=good_,
             ratio_h=[a.learnt_ratio for a in own], learnt=[a.learnt for a in own],
@@ -340,7 +401,9 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
         nxt |= dict(
             v_h=car.v, bias=car.bias, seen=car.v_ok, off=car.off, on=if_else(wrong, 0, car.on),
             back=car.back, age=fmin(age + T, NEVER), demand_h=if_else(known, T_demand, demand_h),
-            demand_out=missing,
+            demand_out=missing, given_h=car.given, lead_h=car.lead_then, moved=car.moved,
+            total=given, let_go=if_else(over, 0, letting),
+            rest=if_else(over, again, fmax(rest - T, 0)),
         )  # fmt: skip
         made = dict(
             # a wheel of which nothing is known any more is taken for one that rolls
@@ -351,113 +414,7 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
             ratio=[a.ratio for a in own],
         )  # fmt: skip
         made = {k: vertcat(*x) for k, x in made.items()}
-        return nxt, made | dict(v=believed, demand=wanted, v_ok=car.v_ok, demand_ok=known)
+        return nxt, made | dict(v=believed, demand=wanted, v_ok=car.v_ok, demand_ok=known,
+                                retry=rest > 0)  # fmt: skip
 
     return judging.with_params(**numbers)
-
-
-def safe_command(mode: str | float) -> Block:
-    """Make what gives an axle its command, by slip control or without it.
-
-    Args:
-        mode: what an axle gets on which slip control cannot be relied on: ``"demand"``, ``"hold"``
-            (the last command, never above the demand) or a torque in N m (never above it).
-    """
-
-    @step(
-        T_cmd=Output("N m", "commanded torque", positive="braking", lo=0, hi="T_max"),
-        released=Output("1", "1 while the limit of a release gives the demand", lo=0, hi=1),
-        name="safe", choices={"mode": mode},
-    )  # fmt: skip
-    def commanding(
-        T_h=State("N m", "T_max", "last command", lo=0, hi="T_max"),
-        let_go=State("s", 0.0, "time of release without a break", lo=0, hi=NEVER),
-        back=State("s", 0.0, "time for which the demand is given after it", lo=0, hi=10),
-        slow=State("1", 0.0, "1 until the command has reached the demand", lo=0, hi=1),
-        T_slip=Input("N m", "torque by slip control, at most the demand", positive="braking"),
-        T_demand=Input("N m", "torque that is demanded", positive="braking"),
-        on=Input("1", "1 while slip control rules"),
-        ready=Input("1", "1 where slip control can go by the samples"),
-        sound=Input("1", "1 where the law's states are in their ranges"),
-        stands=Input("1", "1 where a wheel that is let go does not run up"),
-        v=Input("m/s", "vehicle speed that is believed"),
-        T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
-        v_off=Param("m/s", 1.0, "speed below which slip control is off", ADDED, lo=0, hi=200),
-        rate=Param("1/s", 12.0, "largest torques by which a command without slip control rises",
-                   ADDED, lo=0.1, hi=1e4),
-        limit=Param("s", 10.0, "longest release", ADDED, lo=0.1, hi=900),
-        limit_still=Param("s", 3.0, "longest release of a wheel that does not run up", ADDED,
-                          lo=0.1, hi=900),
-        again=Param("s", 1.0, "time of the demand after it", ADDED, lo=0.01, hi=10),
-        T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
-    ):  # fmt: skip
-        """Slip control's torque where it can be relied on, else the demand; never above that."""
-        top = _limited(T_demand, 0, T_max)
-        relied = _all([ready > 0.5, sound > 0.5, back <= 0, v >= v_off])
-        rests = top if mode == "demand" else fmin(T_h if mode == "hold" else float(mode), top)
-        gives = if_else(ready > 0.5, top, rests)
-        wanted = if_else(relied, fmin(T_slip, top), gives)
-        # what is not slip control's own rises slowly, and so does its way back to the demand
-        ramp = logic_and(logic_or(logic_not(relied), slow > 0.5), on < 0.5)
-        T_cmd = if_else(ramp, fmin(wanted, T_h + rate * T_max * T), wanted)
-        lets = _all([relied, on > 0.5, top > 0.02 * T_max,
-                     logic_or(T_cmd < 0.1 * top, T_cmd < T_h)])  # fmt: skip
-        time = _timed(lets, let_go, T)
-        over = time >= if_else(stands > 0.5, fmin(limit, limit_still), limit)
-        rest = if_else(over, again, fmax(back - T, 0))
-        return (
-            dict(T_h=T_cmd, let_go=if_else(over, 0, time), back=rest,
-                 slow=logic_and(ramp, T_cmd < wanted)),
-            dict(T_cmd=T_cmd, released=back > 0),
-        )  # fmt: skip
-
-    return commanding
-
-
-@law(
-    mu=Output("1", "adhesion for the estimator", positive="braking"),
-    v_s=Output("m/s", "slip speed for the estimator", positive="braking", per="speed"),
-    name="sample",
-)
-def sample(
-    mu_m=Input("1", "mean adhesion over the window", positive="braking"),
-    v_s_m=Input("m/s", "mean slip speed over the window", positive="braking", per="speed"),
-    ready=Input("1", "1 where slip control can go by the samples"),
-):
-    """What an estimator takes: (0, 0) while samples are not believed, which fits every law.
-
-    So it is where the wheel is ahead of the vehicle by more than noise: no law is meant for that.
-    """
-    good = logic_and(ready > 0.5, v_s_m >= -BEHIND)
-    mu = _limited(mu_m, -MEASURED, MEASURED)
-    return dict(mu=if_else(good, mu, 0), v_s=if_else(good, v_s_m, 0))
-
-
-def reference_with_floor(peak: float, noise: float) -> Block:
-    """Make what a searched reference does not fall below, so that it cannot latch.
-
-    The smaller it is, the sooner an error of a speed is taken for slip. Then slip control releases,
-    nothing more is learnt, and it stays. So it is above what the speeds may be off by. It is never
-    above the peak of the law that is fitted: a rail is best there or at less.
-
-    Args:
-        peak: slip in m/s at which the law that is fitted has its peak.
-        noise: what the sensor of the vehicle's speed may be off by, in m/s.
-    """
-
-    @law(
-        v_best=Output("m/s", "slip to go to", positive="braking", per="speed"),
-        name="reference",
-    )
-    def reference(
-        searched=Input("m/s", "slip to go to, as searched", positive="braking", per="speed"),
-        v=Input("m/s", "vehicle speed that is believed"),
-        least=Param("m/s", min(noise, 5.0), "floor at standstill", ADDED, lo=0, hi=10),
-        share=Param("1", 0.045, "share of the speed that it has besides", ADDED, lo=0, hi=0.5),
-        most=Param("m/s", 0.85 * peak, "the floor is not above it", "below the law's own peak",
-                   lo=0.001, hi=20),
-    ):  # fmt: skip
-        """The searched slip, and not less than what speeds may be off by."""
-        return fmax(searched, fmin(least + share * fabs(v), most))
-
-    return reference

@@ -50,6 +50,7 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
     most = (-top, top, "a quarter more than the largest, either way")
     far = (-250 * w.T_max, 250 * w.T_max, "250 times the largest torque; it is limited")
     time = (0, NEVER, "longer is not counted")
+    axles = len(trip.vehicle.worked)
     speed = (-2, fastest, "430 km/h, or half as much again as at the start")
     rows: dict[str, tuple] = {
         "slip.v_s": slipping,
@@ -80,8 +81,14 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
         "trust.demand_h": far,
         "trust.demand": far,
         **{f"trust.{n}": time
-           for n in ("out", "good", "still", "odd", "off", "on", "back", "age", "demand_out")},
+           for n in ("out", "good", "still", "odd", "off", "on", "back", "age", "demand_out",
+                     "let_go")},
         "trust.ban": (0, 10, "it is set to that"),
+        "trust.rest": (0, 10, "it is set to that"),
+        "trust.given_h": speed,
+        "trust.lead_h": (-1.2 * w.r * spin, 1.2 * w.r * spin, "a wheel that spins free"),
+        "trust.moved": (-NEVER, NEVER, "more is not counted"),
+        "trust.total": (0, axles * w.T_max, "of all axles"),
         "trust.learnt": (0, 1, "it is limited"),
         "trust.seen": (0, 1, FLAG),
     }  # fmt: skip
@@ -164,9 +171,10 @@ def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
         slow = sqrt(2 * alpha * tooth)
     else:
         assert isinstance(part, Exact)
-    gate = 0.15
+    gate, unseen = 0.15, 0.1
     if isinstance(of, NoisySpeed):
-        gate += 5 * of.deviation + of.step + _lost(of) * 3.0 * T_S
+        unseen += of.step + _lost(of) * 3.0 * T_S
+        gate += 5 * of.deviation + unseen - 0.1
     elif isinstance(of, WheelsOnly):
         gate += w.r * noise
     lag = act.lag if isinstance(act, Lag) else max(act.fill, act.vent)
@@ -179,8 +187,9 @@ def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
         lost = float(torque_of(trip.control.demand_lost))
     return {
         "fastest": fastest, "most": 1.5 * fastest / w.r, "gate": gate, "noise": noise,
-        "noise_slow": slow, "slow": 2 * slow,
-        "react": min(0.3 + 3 * (lag + act.dead_time) + full, 10.0), "lost": lost,
+        "noise_slow": slow, "slow": 2 * slow, "unseen": unseen,
+        "react": min(0.3 + 1.2 * lag + act.dead_time + full, 10.0), "lost": lost,
+        "limit": trip.control.release_train,
         "v_start": vehicle.speed,
         "omega_start": vehicle.speed / w.r,
     }  # fmt: skip

@@ -13,7 +13,7 @@ from slipctl.errors import BadInput, check_positive, nearest
 
 _SETTINGS = (
     "period", "units", "conditions", "closed_form", "coordinates", "readings", "expects",
-    "follows", "beside", "leaves_out", "measured_to", "meant_to", "choices", "name",
+    "follows", "beside", "leaves_out", "measured_to", "meant_to", "failures", "choices", "name",
 )  # fmt: skip
 
 
@@ -105,6 +105,8 @@ def law(**options: Any) -> Callable[[Callable[..., Any]], Block]:
             ``leaves_out`` says what it has no model of. ``measured_to`` is the largest slip at
             which an adhesion law was measured, 0 where never. ``meant_to`` is the largest at which
             it is meant to hold, ``math.inf`` for a locked wheel. Both are in the unit of its slip.
+            ``failures`` are rows of what may fail and what it does then, see
+            ``block/text/failures.py``.
             Then ``units``, ``choices``, ``name``.
     """
     return _decorate("law", options)

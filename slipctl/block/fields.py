@@ -38,6 +38,7 @@ class LawData:
         leaves_out: what it leaves out, in words.
         measured_to: largest slip at which it was measured, 0 where never; None where not told.
         meant_to: largest slip at which it is meant to hold, infinity for a locked wheel.
+        failures: what may fail around it and what it does then, see ``block/text/failures.py``.
     """
 
     closed_form: Callable[..., Any] | None = None
@@ -49,6 +50,7 @@ class LawData:
     leaves_out: str = ""
     measured_to: float | None = None
     meant_to: float | None = None
+    failures: Sequence[tuple[str, ...]] = ()
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -39,6 +40,22 @@ def reach_text(law: Block) -> str:
     if math.isinf(law.law_data.meant_to):
         return f"{measured}; meant up to a locked wheel"
     return f"{measured}; meant up to |{name}| = {law.law_data.meant_to:g}{unit}"
+
+
+def measured_reach(law: Block, inputs: Mapping[str, Any]) -> dict[str, str]:
+    """What ``with_reach`` is given for points that were measured: the largest slip among them.
+
+    Args:
+        law: the law.
+        inputs: of the points, by name; without the law's slip there is nothing to tell.
+    """
+    name = slip_input(law)
+    if name is None or name not in inputs:
+        return {}
+    unit = law.inputs[name].unit
+    return {
+        "measured_to": f"{float(max(abs(x) for x in inputs[name])):.4g} {unit}".removesuffix(" 1")
+    }
 
 
 def with_reach(law: Block, given: dict[str, Any]) -> Block:

@@ -14,6 +14,7 @@ import numpy as np
 
 from slipctl import __version__, registry
 from slipctl.block.block import Block
+from slipctl.block.reach import measured_reach
 from slipctl.block.text.meanings import is_equation
 from slipctl.draw import plots
 from slipctl.errors import BadInput
@@ -164,14 +165,17 @@ def model_text(found: Fitted, base: Block, name: str, command: str) -> str:
             continue
         rows.append(f"    {n}={v.value!r},  # {v.unit}, {said}")
     unit = found.law.outputs[found.curve.output].unit
+    reach = measured_reach(found.law, found.curve.inputs)
     source = found.law.params[next(iter(found.values))].source
     return "\n".join([
         f'"""{base.name} fitted to {Path(found.curve.source).name}; edit it as you like.', "",
         f"{found.curve.measured.size} points, largest error {found.max_error:.3g}"
         f"{'' if unit == '1' else ' ' + unit}, rms {found.rms:.3g}; made by", "",
         f"    {command}", '"""', "",
-        f"from {needed}", "", f"law = {origin}.with_params(", *rows, ")",
-        f"law = law.with_source({source!r}, {', '.join(repr(n) for n in found.values)})", "",
+        *(["from slipctl.block.reach import with_reach"] if reach else []), f"from {needed}", "",
+        f"law = {origin}.with_params(", *rows, ")",
+        f"law = law.with_source({source!r}, {', '.join(repr(n) for n in found.values)})",
+        *([f"law = with_reach(law, {reach!r})"] if reach else []), "",
     ])  # fmt: skip
 
 

@@ -151,7 +151,8 @@ def _record(
     y = _values(recording, measured[result])
     begins = np.flatnonzero(np.diff(recording.time) > recording.gap) + 1
     if begins.size:
-        recording.notes.append(f"{begins.size} gaps; each stretch has a start of its own")
+        many = "1 gap" if begins.size == 1 else f"{begins.size} gaps"
+        recording.notes.append(f"{many}; each stretch has a start of its own")
     return result, Record(recording.source, recording.time, every, y, tuple(map(int, begins)))
 
 

@@ -129,8 +129,8 @@ def differences(
             share = (np.arange(d.size) + 0.5) / max(d.size, 1) * 100
             seen = np.isfinite(d)
             lost, won = np.count_nonzero(d == np.inf), np.count_nonzero(d == -np.inf)
-            said = f"{name} - {base}" + (f", +inf {lost} times" if lost else "")
-            said += f", -inf {won} times" if won else ""
+            said = f"{name} - {base}" + (f"; {lost} where {name} never came" if lost else "")
+            said += f"; {won} where {base} never came" if won else ""
             axis.plot(
                 share[seen], d[seen], ".", ms=4 + 40 / (8 + d.size), color=hues[name], label=said
             )

@@ -264,8 +264,9 @@ def _told(axis: Any) -> tuple[Sequence[Any], Sequence[str]]:
 def legends_aside(fig: Figure) -> None:
     """Take the legends off the panels, so that none lies on a curve.
 
-    Where a name means the same line in all panels there is one legend above the figure. Else each
-    panel has its own, below it if all stand in a row, or else at its right.
+    Where a name means the same line in all panels there is one legend above the figure. The legend
+    of one panel alone stands above that panel. Else each panel has its own, below it if all stand
+    in a row, or else at its right.
     """
     one_line(fig.axes)
     own = [a for a in fig.axes if a.get_legend() is not None]
@@ -286,7 +287,14 @@ def legends_aside(fig: Figure) -> None:
     if not one and not beside:
         width, height = fig.get_size_inches()
         fig.set_size_inches(width, height + 0.17 * max(len(_told(a)[1]) for a in own))
+    alone = one and beside and len(own) == 1 and own[0] is not fig.axes[0]
     with style():
+        if alone:
+            (axis,) = own
+            handles, names = _told(axis)
+            axis.legend(handles, names, loc="lower center", bbox_to_anchor=(0.5, 1.0),
+                        ncols=_columns(fig, names))  # fmt: skip
+            return
         for axis in own:
             handles, names = _told(axis)
             cast("Legend", axis.get_legend()).remove()
@@ -295,10 +303,14 @@ def legends_aside(fig: Figure) -> None:
             elif not one:
                 axis.legend(handles, names, loc="upper left", bbox_to_anchor=(-0.1, -0.2))
         if one:
-            letters = sum(len(n) + 6 for n in entries)
-            rows = -(-letters // int(13 * fig.get_size_inches()[0]))  # an inch holds about so many
-            fig.legend(entries.values(), entries.keys(), ncols=-(-len(entries) // rows),
+            fig.legend(entries.values(), entries.keys(), ncols=_columns(fig, list(entries)),
                        loc="outside upper center")  # fmt: skip
+
+
+def _columns(fig: Figure, names: Sequence[str]) -> int:
+    """Columns of a legend as wide as the figure, of which an inch holds about 13 letters."""
+    rows = -(-sum(len(n) + 6 for n in names) // int(13 * fig.get_size_inches()[0]))
+    return -(-len(names) // rows)
 
 
 def names_below(groups: Mapping[str, Any]) -> list[str]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from slipctl import registry
 from slipctl.block.block import Block
+from slipctl.block.reach import measured_reach, with_reach
 from slipctl.errors import BadInput, nearest
 from slipctl.estimate.curve import Curve, parameters_of_columns, points, quantity, settings
 from slipctl.estimate.model import (
@@ -450,6 +451,7 @@ def _judged(
         values[a], std[a], interval[a] = values[b], std[b], interval[b]
     values = {n: values[n] for n in unknown}
     fitted = law.with_params(**values).with_source(_origin(curve), *values)
+    fitted = with_reach(fitted, measured_reach(law, curve.inputs))
     p = fitted.param_values()
     doubts = tuple(
         f"{a} = {float(p[a]):.4g} < {b} = {float(p[b]):.4g}; {law.name} expects {a} >= {b}"

@@ -130,6 +130,9 @@ def layout_of(path: Path) -> Layout:
             if tables.groups:
                 scores[mark] = _score(tables, mark)
         if not scores:
+            heads = [x.strip() for x in lines if x.strip() and not _comment(x)]
+            if len(heads) == 1 and re.search(r"[^\W\d_]", heads[0]):
+                raise BadInput(f"{path} has a head, {heads[0]}, and no row of numbers below it")
             raise BadInput(f"{path} has no head above rows of numbers; write one, such as"
                            " time [s];speed [km/h], and a row for each sample")  # fmt: skip
         mark = max(scores, key=lambda m: scores[m])

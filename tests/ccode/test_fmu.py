@@ -536,8 +536,7 @@ def test_the_command_in_its_documentation_builds_a_binary(
 def test_dependencies_say_what_passes_at_once(tmp_path: Path) -> None:
     """A plant's speed does not depend on the torque of this moment; a law's output does."""
     from slipctl.ccode.module.plan import Plan
-    from slipctl.ccode.ship.fmu import is_plant
-    from slipctl.ccode.ship.fmu_xml import feedthrough
+    from slipctl.ccode.ship.fmu_xml import feedthrough, is_plant
 
     plant = sampled(subway_braking.plant(brake=brakes.brake()), 1e-3, "rk4")
     assert is_plant(plant)

@@ -491,6 +491,8 @@ def test_command(tmp_path, capsys):
     assert content["max_error"] == direct.max_error
     assert content["rms"] == direct.rms
     model = resolve.load_block(f"{out / 'fitted.py'}:law")
+    largest = direct.curve.inputs["v_s"].max()
+    assert model.law_data.measured_to == pytest.approx(largest, rel=1e-3)
     assert model(v_s=0.3, v=7.0) == direct.law(v_s=0.3, v=7.0)
     assert cli.main(["show", f"{out / 'fitted.py'}:law"]) == 0
     table = np.genfromtxt(out / "residuals.csv", delimiter=",", skip_header=1)

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slipctl.models.vehicle.failure import HOLD, SETTLED, WORN, safe_command, trust
+from slipctl.models.vehicle.failure import HOLD, SETTLED, WORN, trust
+from slipctl.models.vehicle.safe_output import safe_command
 
 R, J, M, T_MAX, LOAD, H = 0.42, 110.0, 9500.0, 8e3, 9500.0, 1e-3
 NUMBERS = dict(r=R, J=J, m=M, m_axle=LOAD, T_max=T_MAX, tau=0.06, gate=0.35, lost=T_MAX, react=0.6)
@@ -105,6 +106,36 @@ def test_a_wrong_vehicle_speed_is_told_and_replaced(read):
     assert off[4000:].max() < 0.3
 
 
+def test_a_frozen_vehicle_speed_is_seen_before_slip_control_takes_it_for_slip():
+    """At 1.2 m/s^2 wheels and momentum move by the 0.1 m/s within a tenth of a second."""
+    car = Car([0.0] * 300 + [5e3] * 1200)
+    car.v[1000:] = car.v[1000]
+    got = car.judged()
+    true = car.omega[:, 0] * R
+    assert (np.abs(got["v"] - true) < 0.15).all()
+    assert got["v_ok"][-1] == 0
+
+
+def test_a_vehicle_speed_that_stays_because_the_vehicle_does_is_no_fault():
+    """Rolling at one speed against a gradient that the brake holds, told in steps of 0.1 m/s."""
+    car = Car([1.5e3] * 3000)
+    car.v[:] = 16.0
+    car.omega[:] = 16.0 / R
+    assert car.judged()["v_ok"].all()
+
+
+@pytest.mark.parametrize("driven", [False, True])
+def test_a_train_that_is_released_as_a_whole_tries_the_demand_after_its_limit(driven):
+    """All axles together are let go; a falling demand is no release."""
+    car = Car([200.0] * 6500, driven=driven)
+    car.T_demand[:] = 5e3
+    retry = car.judged()["retry"]
+    assert np.flatnonzero(retry)[0] * H == pytest.approx(5.0, abs=0.05)
+    assert retry.sum() * H == pytest.approx(1.0, abs=0.01)
+    car = Car(np.linspace(5e3, 0, 6500), driven=driven)
+    assert not car.judged()["retry"].any()
+
+
 def test_the_first_tick_takes_any_speed():
     for speed in (2.0, 16.0, 44.0):
         car = Car([3e3] * 40, speed=speed)
@@ -178,7 +209,7 @@ class Command:
 
     def tick(self, slip: float, demand: float, **others: float) -> float:
         u = {"T_slip": slip, "T_demand": demand, "on": 1, "ready": 1, "sound": 1, "stands": 0,
-             "v": 10.0} | others  # fmt: skip
+             "v": 10.0, "retry": 0} | others  # fmt: skip
         self.x, y = self.block.f(self.x, self.block.pack("input", u), self.p)
         return float(self.block.unpack("output", y)["T_cmd"])
 

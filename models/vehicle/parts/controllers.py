@@ -68,6 +68,8 @@ class SlipControl(Part):
                             " for 1 s", lo=0.1, hi=600)  # fmt: skip
     release_still: float = number("s", 3.0, "longest release of an axle that does not run up",
                                   lo=0.1, hi=600)  # fmt: skip
+    release_train: float = number("s", 5.0, "longest release of all axles together, after which"
+                                  " each gets the demand for 1 s", lo=0.1, hi=600)  # fmt: skip
     radius: float | tuple[float, ...] | None = number(
         "m", None, "of the wheels, or of each axle with an actuator, as the controllers believe;"
         " none given: as it is", lo=0.2, hi=1,

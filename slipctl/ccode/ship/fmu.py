@@ -12,7 +12,6 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from slipctl.block.block import Block
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.files import licence
 from slipctl.ccode.compile.platforms import Platform
@@ -23,15 +22,6 @@ from slipctl.ccode.ship.fmu_source import interface
 from slipctl.errors import BadInput
 
 VERSIONS = (2, 3)
-
-
-def is_plant(block: Block) -> bool:
-    """Whether a block is a discretised flow, whose outputs belong to its present state.
-
-    A controller's outputs are those of its last tick, held until the next one.
-    """
-    kinds = {leaf.kind for _, leaf in block.leaves()}
-    return "step" not in kinds
 
 
 def fmus(
@@ -54,7 +44,7 @@ def fmus(
             f"{plan.block.name} has no period, which an FMU needs;"
             " write @step(period=0.01, ...), in s"
         )
-    now = is_plant(plan.block)
+    now = fmu_xml.is_plant(plan.block)
     own = {n: made[n] for n in plan.files}
     found = {}
     objects: dict[tuple[str, str], bytes] = {}  # the module is compiled once for each

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from xml.sax.saxutils import escape, quoteattr
 
+from slipctl.block.block import Block
 from slipctl.block.units import unit_algebra
 from slipctl.ccode.compile.files import start_elements
 from slipctl.ccode.module.comments import ascii_text
@@ -44,13 +45,22 @@ class Variable:
     start: float | None = None
 
 
+def is_plant(block: Block) -> bool:
+    """Whether a block is a discretised flow, whose outputs belong to its present state.
+
+    A controller's outputs are those of its last tick, held until the next one.
+    """
+    kinds = {leaf.kind for _, leaf in block.leaves()}
+    return "step" not in kinds
+
+
 def variables(plan: Plan) -> list[Variable]:
     """Variables of the FMU in the order of their value references."""
     lay = plan.layout
     groups = (
         ("input", "discrete", "", lay.inputs), ("parameter", "tunable", "exact", lay.params),
         ("calculatedParameter", "tunable", "calculated", lay.derived),
-        ("local", "discrete", "exact", lay.states),
+        ("output" if is_plant(plan.block) else "local", "discrete", "exact", lay.states),
         ("output", "discrete", "calculated", lay.outputs),
     )  # fmt: skip
     start = plan.block.start()
@@ -70,10 +80,10 @@ def variables(plan: Plan) -> list[Variable]:
                 values = list(start_elements(m))
             elif causality == "parameter":
                 values = [float(v) for v in c_elements(m, m.signal.value)]
-            elif causality == "local":
+            elif members is lay.states:
                 values = [float(v) for v in c_elements(m, start[m.name])]
             # what is computed from others unless it is set has no exact start value
-            begins = "approx" if causality == "local" and m.signal.derived else initial
+            begins = "approx" if members is lay.states and m.signal.derived else initial
             for k, indices in enumerate(_indices(m)):
                 found.append(
                     Variable(name + indices, len(found), causality, variability, begins, m,
@@ -162,7 +172,15 @@ def _structure(plan: Plan, now: bool) -> list[tuple[Variable, list[int] | None]]
     """
     outputs = [v for v in variables(plan) if v.causality == "output"]
     through = feedthrough(plan) if now else {}
-    return [(v, sorted(through.get(k, []))) for k, v in enumerate(outputs)]
+    states = sum(v.initial != "calculated" for v in outputs)  # of a plant; they stand first
+    return [(v, sorted(through.get(k - states, []))) for k, v in enumerate(outputs)]
+
+
+def _unknown_at_first(plan: Plan, now: bool) -> list[int]:
+    """References of what has no exact start value: derived parameters, then outputs."""
+    derived = [v for v in variables(plan) if v.causality == "calculatedParameter"]
+    return [v.reference for v in (*derived, *(v for v, _ in _structure(plan, now)))
+            if v.initial != "exact"]  # fmt: skip
 
 
 def _text(plan: Plan) -> tuple[str, str]:
@@ -181,7 +199,7 @@ def description_2(plan: Plan, token: str, now: bool) -> str:
     status = len(found)
     structure = _structure(plan, now)
     outputs = [(v.reference + 1, [k + 1 for k in d or []]) for v, d in structure]
-    first = [(v.reference + 1, None) for v in found if v.causality == "calculatedParameter"]
+    first = [(k + 1, None) for k in _unknown_at_first(plan, now)]
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',
         f'<fmiModelDescription fmiVersion="2.0" modelName="{plan.name}" guid="{token}"'
@@ -210,8 +228,7 @@ def description_2(plan: Plan, token: str, now: bool) -> str:
         "  </ModelVariables>", "  <ModelStructure>", "  <Outputs>",
         *_unknowns("Unknown", [*outputs, (status + 1, [])], "index"), "  </Outputs>",
         "  <InitialUnknowns>",
-        *_unknowns("Unknown", [*first, *((k, None) for k, _ in outputs), (status + 1, None)],
-                   "index"),
+        *_unknowns("Unknown", [*first, (status + 1, None)], "index"),
         "  </InitialUnknowns>", "  </ModelStructure>", "</fmiModelDescription>",
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
@@ -226,7 +243,7 @@ def description_3(plan: Plan, token: str, now: bool) -> str:
     fixed = f' fixedInternalStepSize="{period}"' if period else ""
     step = f' stepSize="{period}"' if period else ""
     outputs = [(v.reference, d) for v, d in _structure(plan, now)]
-    first = [(v.reference, None) for v in found if v.causality == "calculatedParameter"]
+    first = [(k, None) for k in _unknown_at_first(plan, now)]
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',
         f'<fmiModelDescription fmiVersion="3.0" modelName="{plan.name}"'
@@ -253,8 +270,7 @@ def description_3(plan: Plan, token: str, now: bool) -> str:
         ' initial="calculated"/>',
         "  </ModelVariables>", "  <ModelStructure>",
         *_unknowns("Output", [*outputs, (status, [])], "valueReference"),
-        *_unknowns("InitialUnknown",
-                   [*first, *((k, None) for k, _ in outputs), (status, None)], "valueReference"),
+        *_unknowns("InitialUnknown", [*first, (status, None)], "valueReference"),
         "  </ModelStructure>", "</fmiModelDescription>",
     ]  # fmt: skip
     return "\n".join(lines) + "\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from slipctl.block.text.failures import FAILURE_HEAD, failures_of
 from slipctl.ccode.compile.board import EMULATOR, TARGETS, TOOLS
 from slipctl.ccode.compile.files import TOOLCHAIN
 from slipctl.ccode.module.header import CONTENT, memory, statuses
@@ -112,7 +113,7 @@ step{_safe(plan)}. Outputs are always finite and in their ranges.
 No memory is allocated, nothing is global, and every instance has its own `{n}_state`.
 {memory(plan)} Compile without `-ffast-math`.
 
-{_parameters(plan)}## Calibration
+{_parameters(plan)}{_failures(plan)}## Calibration
 
 `{n}.a2l` (ASAP2 1.71) describes one instance, which the firmware owns and names
 `{n}_param_instance`, `{n}_in_instance`,
@@ -130,6 +131,18 @@ def _parts(plan: Plan) -> str:
     """Table of the parts, with the equation that each is made from."""
     rows = [(f"`{path}`", _cell(first_sentence(leaf.doc))) for path, leaf in plan.part_docs()]
     return table(["part", "what it does"], rows) + "\n\n" if rows else ""
+
+
+def _failures(plan: Plan) -> str:
+    """What the module does when something around it fails, as its model declares it."""
+    rows = failures_of(plan.block)
+    if not rows:
+        return ""
+    return "\n\n".join([
+        "## When something fails",
+        "What the model declares of itself; the names are outputs. No standard is claimed.",
+        table(FAILURE_HEAD, rows), "",
+    ])  # fmt: skip
 
 
 def _cell(text: str) -> str:

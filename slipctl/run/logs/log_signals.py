@@ -168,7 +168,8 @@ def of_inputs(
                 faults.append(f"the column {same}: {error}")
         elif s.value is not None and not s.noise:
             shown = np.asarray(s.value, dtype=float).ravel()[0]
-            log.notes.append(f"{n} is not mapped; {shown:g} {s.unit} as it is declared")
+            unit = "" if s.unit == "1" else f" {s.unit}"
+            log.notes.append(f"{n} is not mapped; it is {shown:g}{unit}, as declared")
         elif s.value is None and not s.noise and not any(f"--map {short}" in f for f in faults):
             faults.append(
                 f"{block.name}.{n} [{s.unit}] is not fed; write --map {n}=COLUMN, or"

@@ -24,6 +24,7 @@ from slipctl.run.metrics import METRICS
 from slipctl.run.results import Results
 from slipctl.study.declaration import FAILED, OPEN, REPRODUCED
 from slipctl.study.provenance import provenance
+from slipctl.study.report.failure_tables import Html, failure_tables
 from slipctl.study.report.page_style import STYLE as STYLE
 from slipctl.study.report.remarks import answer_html, remarks_html, warnings_of_runs
 from slipctl.study.report.texts import (
@@ -48,6 +49,9 @@ if TYPE_CHECKING:
 
 LOOPS = 7
 """Loops beside each other in a table of metrics; the others get a table below it."""
+
+FOLDED = 20
+"""Equations of a block beyond so many are folded: a reader asks for them."""
 
 ROWS = 40
 """Rows of an experiment's table that the page shows; all of them are in tables.json."""
@@ -170,13 +174,6 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Any]], numbers: Sequence[
     )
 
 
-class Html:
-    """Text that is markup already."""
-
-    def __init__(self, text: str) -> None:
-        self.text = text
-
-
 def _claims(verdicts: Sequence[Verdict]) -> str:
     marks = {REPRODUCED: "yes", FAILED: "no", OPEN: "open"}
     rows = []
@@ -210,9 +207,7 @@ def _metrics(results: Results) -> str:
         for first in range(1, len(head), LOOPS):
             group = [0, *range(first, min(first + LOOPS, len(head)))]
             shown = [
-                [_told(r[0]), *(
-                    Html(f"<b>{escape(r[k])}</b>") if k in best else r[k] for k in group[1:]
-                )]
+                [_told(r[0]), *(_number(r[k], k in best) for k in group[1:])]
                 for r, best in rows if any(r[k] for k in group[1:])
             ]  # fmt: skip
             out.append(table([head[k] for k in group], shown, range(1, len(group))))
@@ -228,6 +223,12 @@ def _metrics(results: Results) -> str:
                 [*left_out(results.metrics[scenario], getattr(results.study, "limits", ())),
                  *absent(results, scenario)]]  # fmt: skip
     return "".join(out)
+
+
+def _number(cell: str, best: bool) -> Html:
+    """Number of a loop; those of the rail's sections stand in lines of their own."""
+    text = escape(cell).replace(" / ", " /<br>")
+    return Html(f"<b>{text}</b>" if best else text)
 
 
 def _told(label: str) -> Html | str:
@@ -352,7 +353,7 @@ def _loops(results: Results) -> str:
         drawing = image(diagram.levels_svg([levels[key]]), f"block diagram of {said}")
         head = f"<summary>Inside {escape(said)}</summary>"
         out.append(f"<details>{head}<div class='diagram'>{drawing}</div></details>")
-    return "".join(out)
+    return "".join(out) + failure_tables(loops, table)
 
 
 def _composites(block: Block, path: str = "") -> Iterator[tuple[str, Block]]:
@@ -420,7 +421,10 @@ def equations(block: Block) -> str:
             rows.append(f'<tr><td colspan="2" style="text-align:left">{cells[0]}</td></tr>')
         else:
             rows.append(f"<tr><td>{cells[0]}</td><td>{cells[1]}</td></tr>")
-    return f'<div class="wide"><table class="equations">{"".join(rows)}</table></div>'
+    page = f'<div class="wide"><table class="equations">{"".join(rows)}</table></div>'
+    if len(rows) <= FOLDED:
+        return page
+    return f"<details><summary>its {len(rows)} equations</summary>{page}</details>"
 
 
 def _parameters(results: Results) -> str:

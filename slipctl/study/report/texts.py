@@ -222,7 +222,8 @@ def sections_line(results: Results, scenario: str) -> str:
     """What the numbers with slashes between belong to; empty where no metric has several."""
     every = [m.rows for metrics in results.metrics[scenario].values() for m in metrics.values()]
     rows = max(every, key=len, default=())
-    return f"Numbers beside each other: {' / '.join(rows)}" if len(rows) > 1 else ""
+    where = " / ".join(rows)
+    return f"Sections in order: {where}" if rows[1:] else ""
 
 
 def failed_loops(results: Results, scenario: str) -> set[str]:
