@@ -700,6 +700,8 @@ class Assumed(Part):
                          " other axles do", lo=0, hi=100)  # fmt: skip
     noise: float = number("m/s", 0.0, "largest noise of the slip that a controller sees", lo=0,
                           hi=10)  # fmt: skip
+    slip: float | None = number("m/s", None, "slip that a slide protection never lets be exceeded;"
+                                " not told: that of a locked wheel", lo=1e-3, hi=150)  # fmt: skip
 
 
 # ---- all of it -----------------------------------------------------------------------------------

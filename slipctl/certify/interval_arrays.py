@@ -226,22 +226,27 @@ class Boxes:
         return bool((self.low <= 0).any())
 
 
+def _down(values: np.ndarray, units: int = 1) -> np.ndarray:
+    """No more than what was rounded to these floats, each wrong by so many units at most.
+
+    A unit in the last place of x is at most 2^-52 |x|; half a unit more is taken for the rounding
+    here. ``nextafter`` is 25 times slower.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        return values - (np.abs(values) * ((units + 0.5) * 2.0**-52) + units * 5e-324)
+
+
 def _outwards(low: np.ndarray, high: np.ndarray, units: int = 1) -> Boxes:
-    if units == 1:
-        return Boxes(np.nextafter(low, -np.inf), np.nextafter(high, np.inf))
-    with np.errstate(invalid="ignore"):
-        below = np.where(np.isfinite(low), low - units * np.spacing(np.abs(low)), low)
-        above = np.where(np.isfinite(high), high + units * np.spacing(np.abs(high)), high)
-    return Boxes(below, above)
+    return Boxes(_down(low, units), -_down(-high, units))
 
 
 def _sum_below(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Sum of floats rounded down: its error is a float too (Knuth), and exact sums stay."""
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
         total = a + b
         part = total - a
         lost = (a - (total - part)) + (b - part)
-        return np.where(lost >= 0, total, np.nextafter(total, -np.inf))
+        return np.where(lost >= 0, total, _down(total))
 
 
 def _exact_factor(values: Boxes) -> np.ndarray:
@@ -250,8 +255,9 @@ def _exact_factor(values: Boxes) -> np.ndarray:
 
 
 def _outwards_unless(exact: np.ndarray, low: np.ndarray, high: np.ndarray) -> Boxes:
-    return Boxes(np.where(exact, low, np.nextafter(low, -np.inf)),
-                 np.where(exact, high, np.nextafter(high, np.inf)))  # fmt: skip
+    if not exact.any():
+        return _outwards(low, high)
+    return Boxes(np.where(exact, low, _down(low)), np.where(exact, high, -_down(-high)))
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

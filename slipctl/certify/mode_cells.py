@@ -13,7 +13,7 @@ import base64
 import math
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
@@ -55,6 +55,8 @@ class ModeLoop:
         push: range of each push in each tick, by its name.
         watched: real states whose largest and least value count.
         stride: ticks from one image to the next.
+        kept: further outputs of the tick with the range in which each has to be at every tick; what
+            the pushes stand for may rest on it.
     """
 
     code: TickCode
@@ -65,6 +67,20 @@ class ModeLoop:
     push: Mapping[str, Range]
     watched: tuple[str, ...]
     stride: int = 1
+    kept: Mapping[str, Range] = field(default_factory=dict)
+
+    def tick(self) -> ModeTick:
+        """Its tick on arrays of cells."""
+        return ModeTick(self.code, self.reals, self.modes, tuple(self.kept))
+
+    def left(self, found: Images) -> str:
+        """What further output leaves its range in images; empty if none does."""
+        for name, boxes in found.kept.items():
+            low, high = self.kept[name]
+            for box in boxes:
+                if not box.less_equal(high).low.all() or (box.less(low).high != 0).any():
+                    return name
+        return ""
 
 
 @dataclass(frozen=True)
@@ -283,7 +299,7 @@ class Growth:
     last: np.ndarray
 
     def __post_init__(self) -> None:
-        self.tick = ModeTick(self.loop.code, self.loop.reals, self.loop.modes)
+        self.tick = self.loop.tick()
         self.cells = Cells(self.grid)
 
     def run(self, visited: Sequence[tuple[np.ndarray, np.ndarray]]) -> Cells:
@@ -304,8 +320,10 @@ class Growth:
             batch, pending = _batch(pending)
             number = np.concatenate([np.full(len(p), n) for n, p in batch])
             places = np.concatenate([p for _, p in batch])
-            self.work.take(len(places) * len(self.loop.code.steps) * self.loop.stride)
             found = self._images(number, places)
+            self.work.take(len(found.cell) * len(self.loop.code.steps) * self.loop.stride)
+            if self.loop.left(found):
+                raise NoProof(f"{self.loop.left(found)} is farther off than it was taken to be")
             low, high, out = self.grid.touched(found.reals)
             if out.any():
                 moved, pending = self._widened(low.min(axis=0), high.max(axis=0), pending)
@@ -399,7 +417,8 @@ def images_of(
     return Images(np.concatenate([one.cell, two.cell + half]),
                   [_joined(a, b) for a, b in zip(one.reals, two.reals, strict=True)],
                   np.concatenate([one.modes, two.modes]),
-                  [*one.between, *two.between])  # fmt: skip
+                  [*one.between, *two.between],
+                  {n: [*one.kept[n], *two.kept[n]] for n in one.kept})  # fmt: skip
 
 
 def _joined(a: Any, b: Any) -> Any:
@@ -459,7 +478,7 @@ def check_cells(
     kind: Any = Boxes
     if cells.many * max(len(loop.code.steps), 1) * loop.stride <= COARSE_WORK and not quick:
         kind = WholeBoxes
-    tick = ModeTick(loop.code, loop.reals, loop.modes)
+    tick = loop.tick()
     totals = [_totals(held, grid.count) for held in cells.held]
     starts = [kind.around(a, b) for a, b in loop.start]
     _inside(cells, totals, grid, starts, np.array([loop.begins], np.int64).reshape(1, -1))
@@ -472,8 +491,14 @@ def check_cells(
             of = np.broadcast_to(np.array(modes, np.int64), (len(part), len(modes)))
             try:
                 found = images_of(loop, tick, kind, grid, part, of)
-            except ArithmeticError as error:
+            except TooManyWays as error:
                 raise DoesNotHold(f"evidence: {error}") from None
+            except ArithmeticError as error:
+                if kind is WholeBoxes:  # a way that is never taken has no root, say
+                    return check_cells(loop, grid, cells, quick=True)
+                raise DoesNotHold(f"evidence: {error}") from None
+            if loop.left(found):
+                raise DoesNotHold(f"evidence: {loop.left(found)} is not in its range")
             _inside(cells, totals, grid, found.reals, found.modes)
             reach.add(found)
     return reach, "in whole numbers" if kind is WholeBoxes else "in floats rounded outwards"

@@ -26,6 +26,9 @@ from slipctl.certify.tick_code import _RULES, _WEIGHTS, TickCode
 MOST_ROWS = 40_000
 """Most rows that a few cells may have."""
 
+MOST_WAYS = 6
+"""Rows of one cell, above which those of one mode are put together after a tick."""
+
 COMPARISONS = ("less", "less_equal", "equal")
 
 
@@ -47,6 +50,13 @@ class _Form:
         return _Form(box, box if same else self.middle.take(rows),
                      {k: s.take(rows) for k, s in self.slopes.items()})  # fmt: skip
 
+    def joined(self, order: np.ndarray, begins: np.ndarray) -> _Form:
+        """Hulls of groups of rows, which are one after another in an order."""
+        same = self.middle is self.box
+        box = _hulls(self.box, order, begins)
+        return _Form(box, box if same else _hulls(self.middle, order, begins),
+                     {k: _hulls(s, order, begins) for k, s in self.slopes.items()})  # fmt: skip
+
     def spread(self, half: Sequence[Any]) -> Any:
         """Enclosure by the mean value theorem."""
         found = self.middle
@@ -67,24 +77,29 @@ class Images:
         cell: number of the cell of each row. reals: enclosure of each real state there.
         modes: value of each mode, by row and mode.
         between: enclosure of each real state at the ticks before.
+        kept: by what is watched its enclosure at each tick.
     """
 
     cell: np.ndarray
     reals: list[Any]
     modes: np.ndarray
     between: list[list[Any]]
+    kept: dict[str, list[Any]]
 
 
 class ModeTick:
     """Tick of a loop with modes, on arrays of cells."""
 
-    def __init__(self, code: TickCode, reals: Sequence[str], modes: Sequence[str]) -> None:
+    def __init__(
+        self, code: TickCode, reals: Sequence[str], modes: Sequence[str], kept: Sequence[str] = ()
+    ) -> None:
         """Take a tick whose inputs are ``x_STATE`` and ``d_PUSH``, its outputs the states.
 
         Args:
-            code: the tick. reals, modes: names of its states.
+            code: the tick. reals, modes: names of its states. kept: further outputs.
         """
         self.code, self.reals, self.modes = code, tuple(reals), tuple(modes)
+        self.kept = tuple(kept)
         at = {name: i for i, name in enumerate(code.inputs)}
         self._of_real = [at[f"x_{n}"] for n in reals]
         self._of_mode = [at[f"x_{n}"] for n in modes]
@@ -121,6 +136,7 @@ class ModeTick:
         one = kind.around(Fraction(1), Fraction(1), many)
         forms = [_Form(boxes[k], middles[k], {k: one}) for k in range(len(boxes))]
         cell, between = np.arange(many), []
+        kept: dict[str, list[Any]] = {name: [] for name in self.kept}
         for tick in range(ticks):
             values: list[_Form | None] = [None] * (len(self.code.inputs) + len(self.code.steps))
             for i, name in enumerate(self.code.inputs):
@@ -135,15 +151,24 @@ class ModeTick:
                 values[i] = _Form(box, box, {})
             forms, modes, half, rows = self._ticked(kind, values, half, len(cell))
             cell = cell[rows]
+            for name in self.kept:
+                kept[name].append(forms.pop().box)
             if tick + 1 < ticks:
                 between.append([f.box for f in forms])
-        return Images(cell, [f.box for f in forms], modes, between)
+                groups = _crowded(cell, modes)
+                if groups is not None:
+                    order, begins = groups
+                    forms = [f.joined(order, begins) for f in forms]
+                    half = [h.take(order[begins]) for h in half]
+                    cell, modes = cell[order[begins]], modes[order[begins]]
+        return Images(cell, [f.box for f in forms], modes, between, kept)
 
     def _ticked(
         self, kind: Any, values: list[_Form | None], half: list[Any], many: int
     ) -> tuple[list[_Form], np.ndarray, list[Any], np.ndarray]:
         """States after a tick, the modes, the half-widths, and from which row each row is."""
         first, cell = len(self.code.inputs), np.arange(many)
+        asked = self._asked(values, many)
         for k, (operation, *args) in enumerate(self.code.steps):
             if operation == "const":
                 box = kind.around(args[0], args[0], len(cell))
@@ -153,6 +178,7 @@ class ModeTick:
             if operation in COMPARISONS:
                 answer = self._compared(operation, parts, half)
                 open_ = answer.open_rows()
+                open_ = open_[asked[k][cell[open_]]]
                 if open_.size:
                     if len(cell) + open_.size > MOST_ROWS:
                         raise TooManyWays("the tick has too many ways over a few cells")
@@ -173,10 +199,46 @@ class ModeTick:
         for k, name in enumerate(self.modes):
             modes[:, k] = found[name].box.whole()
         forms = []
-        for name in self.reals:
+        for name in (*self.reals, *reversed(self.kept)):
             form = found[name]
             forms.append(_Form(form.tightest(half), form.middle, form.slopes))
         return forms, modes, half, cell
+
+    def _asked(self, values: Sequence[_Form | None], many: int) -> dict[int, np.ndarray]:
+        """By comparison the rows on which its answer counts, of a pass in plain intervals.
+
+        Behind a choice that is decided, only what it chooses counts.
+        """
+        first, code = len(self.code.inputs), self.code
+        plain: list[Any] = [v.box for v in values[:first] if v is not None]
+        like = plain[0]
+        for operation, *args in code.steps:
+            if operation == "const":
+                plain.append(like.number(args[0]))
+            elif operation in ("mul", "div") and args[0] == args[1]:
+                a = plain[args[0]]
+                plain.append(a.sq() if operation == "mul" else a / a)
+            else:
+                plain.append(_RULES[operation](*(plain[i] for i in args)))
+        counts = [np.zeros(0, bool)] * len(plain)
+        all_, none = np.ones(many, bool), np.zeros(many, bool)
+        for i in code.outputs.values():
+            counts[i] = all_
+        for k in range(len(code.steps) - 1, -1, -1):
+            operation, *args = code.steps[k]
+            own = counts[first + k]
+            if operation == "const" or not own.size:
+                continue
+            for part, i in enumerate(args):
+                mine = own
+                if operation == "choose" and part:
+                    answer = plain[args[0]]
+                    never = answer.low == answer.high
+                    never &= (answer.low == 0) if part == 1 else (answer.low != 0)
+                    mine = own & ~never.astype(bool)
+                counts[i] = mine if not counts[i].size else counts[i] | mine
+        return {k: counts[first + k] if counts[first + k].size else none
+                for k, (operation, *_) in enumerate(code.steps) if operation in COMPARISONS}
 
     @staticmethod
     def _compared(operation: str, parts: Sequence[Any], half: Sequence[Any]) -> Any:
@@ -211,9 +273,45 @@ class ModeTick:
                 zero = boxes[0] * 0 if zero is None else zero
                 slopes[k] = boxes[0].choose(parts[1].slopes.get(k, zero),
                                             parts[2].slopes.get(k, zero))  # fmt: skip
-            return _Form(box, middle, slopes)
+            return _chosen(boxes[0], box, middle, slopes)
         for part, weight in zip(parts, _WEIGHTS[operation](boxes, box), strict=True):
             for k, slope in part.slopes.items():
                 term = slope if weight is None else slope * weight
                 slopes[k] = slopes[k] + term if k in slopes else term
         return _Form(box, middle, slopes)
+
+
+def _chosen(answer: Any, box: Any, middle: Any, slopes: dict[int, Any]) -> _Form:
+    """What a condition chooses; where it is open there may be a jump, and slopes say nothing."""
+    open_ = answer.open_rows()
+    if open_.size:
+        kind, zero = type(box), answer * 0
+        middle = kind(middle.low.copy(), middle.high.copy())
+        middle.low[open_], middle.high[open_] = box.low[open_], box.high[open_]
+        for k, slope in slopes.items():
+            slopes[k] = kind(slope.low.copy(), slope.high.copy())
+            slopes[k].low[open_], slopes[k].high[open_] = zero.low[open_], zero.high[open_]
+    return _Form(box, middle, slopes)
+
+
+def _hulls(box: Any, order: np.ndarray, begins: np.ndarray) -> Any:
+    return type(box)(np.minimum.reduceat(box.low[order], begins),
+                     np.maximum.reduceat(box.high[order], begins))  # fmt: skip
+
+
+def _crowded(cell: np.ndarray, modes: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Order of the rows and begins of the groups that are put together; None where none are.
+
+    Rows of a cell that has few stay alone, whatever cells stand beside it.
+    """
+    many = np.bincount(cell)[cell] > MOST_WAYS
+    if not many.any():
+        return None
+    alone = np.where(many, -1, np.arange(len(cell)))
+    keys = [alone, *modes.T, cell]
+    order = np.lexsort(keys)
+    changes = np.zeros(len(cell), bool)
+    changes[0] = True
+    for key in keys:
+        changes[1:] |= np.diff(key[order]) != 0
+    return order, np.flatnonzero(changes)

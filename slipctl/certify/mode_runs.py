@@ -34,19 +34,22 @@ class Runs:
         low, high: ends of each real state. visited: real states and modes, by tick.
         worst: by watched state and side (-1, 1) the farthest value, and the run: its start as
             signs by real state, and its pushes as signs by tick and push.
+        kept: ends of a further output that was asked for.
     """
 
     low: np.ndarray
     high: np.ndarray
     visited: list[tuple[np.ndarray, np.ndarray]]
     worst: Mapping[tuple[str, int], tuple[float, np.ndarray, np.ndarray]]
+    kept: tuple[Fraction, Fraction] = (Fraction(0), Fraction(0))
 
 
 class _Search:
     """Runs from corners of the start, with pushes at the ends of their ranges."""
 
-    def __init__(self, loop: ModeLoop, ticks: int, seed: int) -> None:
+    def __init__(self, loop: ModeLoop, ticks: int, seed: int, kept: str = "") -> None:
         self.loop, self.ticks = loop, ticks
+        self.kept, self.ends = kept, [0.0, 0.0]
         self.rng = np.random.default_rng(seed)
         self.run = loop.code.compiled(arrays=True)
         self.names = list(loop.push)
@@ -99,6 +102,9 @@ class _Search:
             with np.errstate(all="ignore"):
                 after = self.run(*(given[i] for i in inputs))
             states = [np.broadcast_to(np.asarray(after[i], float), (RUNS,)) for i in to]
+            if self.kept:
+                value = np.asarray(after[outputs.index(self.kept)])
+                self.ends = [min(self.ends[0], value.min()), max(self.ends[1], value.max())]
             reals = np.array(states[:many])
             if not np.isfinite(reals).all():
                 break
@@ -111,9 +117,14 @@ class _Search:
         return low, high
 
 
-def worst_runs(loop: ModeLoop, ticks: int, seed: int = 0) -> Runs:
-    """Search for runs in which the watched states come farthest, in floats."""
-    search, worst = _Search(loop, ticks, seed), {}
+def worst_runs(loop: ModeLoop, ticks: int, seed: int = 0, kept: str = "") -> Runs:
+    """Search for runs in which the watched states come farthest, in floats.
+
+    Args:
+        loop: the loop. ticks: of each run. seed: of its pushes. kept: a further output whose ends
+            are wanted.
+    """
+    search, worst = _Search(loop, ticks, seed, kept), {}
     for name in loop.watched:
         k = loop.reals.index(name)
         for side in (1, -1):
@@ -131,7 +142,8 @@ def worst_runs(loop: ModeLoop, ticks: int, seed: int = 0) -> Runs:
                 if generation + 1 < GENERATIONS:
                     signs = search.altered(signs, order[:30])
                     starts[:30] = starts[order[:30]]
-    return Runs(search.lowest, search.highest, search.visited, worst)
+    low, high = (Fraction(float(e)) for e in search.ends)
+    return Runs(search.lowest, search.highest, search.visited, worst, (low, high))
 
 
 def run_entries(starts: np.ndarray, signs: np.ndarray) -> dict[str, Any]:
@@ -183,7 +195,3 @@ def replayed(
                 return ticks, above
     raise DoesNotHold(f"run: {state} is not shown to exceed its bound")
 
-
-def watched_signs(signs: Sequence[int], ticks: int) -> np.ndarray:
-    """The same pushes in all ticks."""
-    return np.tile(np.array(signs, np.int8), (ticks, 1))

@@ -357,6 +357,8 @@ def _of_casadi(writer: CodeWriter, op: int, a: Sequence[int]) -> int:
             return writer.power(a[0], int(power))
         if power == Fraction(1, 2):
             return writer.add("sqrt", a[0])
+        if power is not None and power.denominator > 1:
+            return writer.add("exp", writer.add("mul", a[1], writer.add("ln", a[0])))
     raise BadInput(
         f"the operation {_NAMES.get(op, op)} cannot be enclosed; known are + - * /, whole powers,"
         " sqrt, exp, log, fabs, sign, fmin, fmax and conditions"
