@@ -349,9 +349,10 @@ class Growth:
         beyond = (low + begin < self.first) | (high + begin > self.last)
         if beyond.any():
             axis = int(np.argmax(beyond))
-            raise NoProof(f"over cells of {float(old.size[axis]):.3g}, images go beyond"
-                          f" {self.loop.reals[axis]} = {float(self.last[axis] * old.size[axis]):.4g}"
-                          f" or below {float(self.first[axis] * old.size[axis]):.4g}")  # fmt: skip
+            size = float(old.size[axis])
+            raise NoProof(f"over cells of {size:.3g}, {self.loop.reals[axis]} is not shown to stay"
+                          f" between {self.first[axis] * size:.4g} and"
+                          f" {self.last[axis] * size:.4g}")  # fmt: skip
         more = count // 4 + 1
         before = np.where(low < 0, np.minimum(-low + more, begin - self.first), 0)
         after = np.where(high >= count,
@@ -368,8 +369,8 @@ class Growth:
         self.cells.grid = self.grid
         moved = []
         for n, places in pending:
-            index = [i + b for i, b in zip(np.unravel_index(places, old.count), before, strict=True)]
-            moved.append((n, np.ravel_multi_index(index, self.grid.count)))
+            at = zip(np.unravel_index(places, old.count), before, strict=True)
+            moved.append((n, np.ravel_multi_index([i + b for i, b in at], self.grid.count)))
         return before, moved
 
     def _images(self, number: np.ndarray, places: np.ndarray) -> Images:

@@ -101,7 +101,8 @@ def _better(loop: ModeLoop, new: Found, old: Found | None) -> float:
     gains = []
     for name in loop.watched:
         k = loop.reals.index(name)
-        gains.append(float(old.reach.high[k] - new.reach.high[k]) / max(abs(new.runs.high[k]), 1e-9))
+        nearer = float(old.reach.high[k] - new.reach.high[k])
+        gains.append(nearer / max(abs(new.runs.high[k]), 1e-9))
     return max(gains)
 
 

@@ -1,7 +1,7 @@
 """System ``slide_loop``: a controller with modes as it runs, behind its brake, on the rail.
 
-As ``axle_loop`` does for smooth controllers: the tick is that of the controller's own block and of a
-short axle, made by who asks (a vehicle file), and the proof holds it, so that ``check`` needs no
+As ``axle_loop`` does for smooth controllers: the tick is that of the controller's own block and of
+a short axle, made by who asks (a vehicle file), and the proof holds it, so that ``check`` needs no
 vehicle. The height of the adhesion curve may change in any way from tick to tick.
 """
 
@@ -35,7 +35,7 @@ SLIP = "s"
 """State that the promise speaks of."""
 
 HEIGHT, PUSH, NOISE, LATE = "height", "w", "n", "late"
-"""What pushes in a tick: height of the curve, push, noise, what a command changes while it waits."""
+"""What pushes in a tick: height of the curve, push, noise, change of a command while it waits."""
 
 NUMBERS = {
     "W": Number("m/s^2", "largest push", 0.0, "not negative", role=INPUT,
@@ -200,8 +200,8 @@ def slide_system(
     question = SlideQuestion(build, [] if why is None else why)
     return System(
         "slide_loop",
-        "a controller with modes as it runs, behind its brake, on the adhesion curve: the slip never"
-        " exceeds a bound; asked of a vehicle file, slipctl certify FILE.toml:LOOP",
+        "a controller with modes as it runs, behind its brake, on the adhesion curve: the slip"
+        " never exceeds a bound; asked of a vehicle file, slipctl certify FILE.toml:LOOP",
         NUMBERS, {}, question.targets(), _start,
         never=("between ticks; a speed, a demand or an offset of the reference speed that changes",
                *(taken or {}).values()),

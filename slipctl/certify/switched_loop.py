@@ -5,8 +5,8 @@
         pushed={"c": ("least", "most"), "w": "W"}, stays={"s": Stay(high="band", words="the slip")},
     )
 
-``tick`` is plain Python as for ``tick_sets.Loop``. Real states have cells, each combination of modes
-has a grid of its own (``mode_cells``).
+``tick`` is plain Python as for ``tick_sets.Loop``. Real states have cells, each combination of
+modes has a grid of its own (``mode_cells``).
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from typing import Any
 from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows
 from slipctl.certify.mode_cells import ModeLoop
 from slipctl.certify.mode_proofs import (
+    WORK,
     Bounds,
     check_evidence,
     find_cells,
-    run_ticks,
     simulated,
 )
 from slipctl.certify.mode_runs import Runs, replayed, run_entries
@@ -67,13 +67,15 @@ class Question:
 
     Attributes:
         loop: makes the loop of the numbers. stays: what is promised, by state.
-        covers: inputs that a proof includes, of the numbers. why: is filled where there is no proof.
+        covers: inputs that a proof includes, of the numbers. why: is filled where no proof is.
+        work: operations that a search may take.
     """
 
     loop: Callable[[Numbers], ModeLoop]
     stays: Mapping[str, Stay]
     covers: Callable[[Numbers], tuple[str, ...]]
     why: list[str] = field(default_factory=list)
+    work: int = WORK
     _seen: dict[Any, Runs] = field(default_factory=dict, repr=False, compare=False)
 
     def targets(self) -> dict[str, Target]:
@@ -119,7 +121,7 @@ class Question:
         self.why.clear()
         try:
             loop = self.loop(n)
-            found = find_cells(loop, self._bounds(n), self.runs(loop))
+            found = find_cells(loop, self._bounds(n), self.runs(loop), self.work)
         except (NoProof, ArithmeticError) as error:
             self.why.append(str(error))
             return None
@@ -192,6 +194,7 @@ class SwitchedLoop:
         pushed: by what pushes what bounds it in each tick.
         stays: what is promised, by real state.
         modes: states that are whole numbers, with their value at the start.
+        why: is filled where there is no proof. work: operations that a search may take.
     """
 
     tick: Callable[..., Mapping[str, Any]]
@@ -200,6 +203,7 @@ class SwitchedLoop:
     stays: Mapping[str, Stay]
     modes: Mapping[str, int]
     why: list[str] = field(default_factory=list, compare=False)
+    work: int = WORK
     _codes: dict[tuple[str, ...], TickCode] = field(default_factory=dict, repr=False, compare=False)
     _made: list[Question] = field(default_factory=list, repr=False, compare=False)
 
@@ -233,7 +237,7 @@ class SwitchedLoop:
     def question(self) -> Question:
         """Its criteria and refuters."""
         if not self._made:
-            self._made.append(Question(self.loop, self.stays, self._covered, self.why))
+            self._made.append(Question(self.loop, self.stays, self._covered, self.why, self.work))
         return self._made[0]
 
     def _covered(self, n: Numbers) -> tuple[str, ...]:
@@ -290,6 +294,3 @@ def read_names(given: Any, where: str) -> tuple[str, ...]:
     if not all(isinstance(n, str) and n.isidentifier() for n in names):
         raise BadInput(f"{where} must be names")
     return tuple(names)
-
-
-__all__ = ["Bound", "Question", "Stay", "SwitchedLoop", "read_names", "run_ticks"]

@@ -230,7 +230,8 @@ class _AskedModes(_Asked):
         """Numbers of a ``slide_loop``."""
         n, assumed = bounds._wheel(loop), self.trip.certify
         least, most = self._heights(n)
-        top = float(np.max(loop.values_by_place().get("ctl.apply.T_max", self.trip.actuator.torque)))
+        now = loop.values_by_place()
+        top = float(np.max(now.get("ctl.apply.T_max", self.trip.actuator.torque)))
         return {
             "W": assumed.push + self._others(n) * most, "noise": assumed.noise,
             "dead": self.trip.actuator.dead_time, "T": float(loop.period or 0.001),
@@ -243,7 +244,8 @@ class _AskedModes(_Asked):
         """System of the loop."""
         n = bounds._wheel(loop)
         steady, _ = bounds._resistance(self.trip, self.over.speed, n["m"], 0.0)
-        tick = SlideTick(self.trip, self.part, loop, self.falls, self._given(**n), self.goal, steady)
+        given = self._given(**n)
+        tick = SlideTick(self.trip, self.part, loop, self.falls, given, self.goal, steady)
         made: dict[tuple[object, ...], object] = {}
 
         def build(numbers: Mapping[str, object]) -> ModeLoop:
