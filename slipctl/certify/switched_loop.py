@@ -77,6 +77,9 @@ class Question:
     why: list[str] = field(default_factory=list)
     work: int = WORK
     _seen: dict[Any, Runs] = field(default_factory=dict, repr=False, compare=False)
+    _found: dict[Any, tuple[Entries | None, list[str]]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     def targets(self) -> dict[str, Target]:
         """Clauses of the promise: one where a bound is told, one with what is proved."""
@@ -118,7 +121,16 @@ class Question:
 
     def find(self, n: Numbers) -> Entries | None:
         """Entries of a proof; None where none is found."""
-        self.why.clear()
+        key = tuple(sorted(n.items()))
+        if key not in self._found:  # an answer and its file ask the same
+            self.why.clear()
+            found = self._searched(n)
+            self._found.clear()
+            self._found[key] = found, list(self.why)
+        found, self.why[:] = self._found[key]
+        return found
+
+    def _searched(self, n: Numbers) -> Entries | None:
         try:
             loop = self.loop(n)
             found = find_cells(loop, self._bounds(n), self.runs(loop), self.work)

@@ -184,8 +184,9 @@ class _Asked:
             "force": assumed.error * force if hears_force(law) else 0.0,
             "lag": lag, "dead": act.dead_time, "T": float(loop.period or 0.001),
             "v": self.over.speed, "least": least, "most": most, "goal": self.goal,
-            "band": assumed.tube * self.goal,
+            "band": assumed.tube * self.goal, "off": assumed.off,
         }  # fmt: skip
+        found |= {"time": assumed.time} if assumed.time is not None else {}
         return found | ({"K": float(np.max(law.param_values()[gain]))} if gain else {})
 
     def _others(self, n: Mapping[str, float]) -> float:
