@@ -70,14 +70,20 @@ def farthest(
         raise BadInput(f"{name} may be negative; ask for a number that is positive")
     given = {k: v for k, v in numbers.items() if k != name}
     seen: dict[float, str] = {}
+    refused: list[float] = []  # values that cannot be asked; nor can what lies beyond
 
     def verdict(value: float) -> str:
         value = float(f"{value:.{DIGITS}g}")
+        if any(value >= v if up else value <= v for v in refused):
+            return ""
         if value not in seen:
             try:
                 asked = exact_numbers(system, {**given, name: Fraction(str(value))})
                 seen[value] = proofs.decide(system, asked).verdict
-            except (BadInput, ArithmeticError):
+            except BadInput:
+                refused.append(value)
+                return ""
+            except ArithmeticError:
                 seen[value] = UNDECIDED
         return seen[value]
 

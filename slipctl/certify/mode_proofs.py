@@ -29,7 +29,7 @@ CELLS = {1: (200, 2000, 20_000), 2: (60, 150, 400, 1000), 3: (28, 44, 70, 110, 1
 
 MOST_REALS = max(CELLS)
 
-WORK = 300_000_000
+WORK = 600_000_000
 """Operations of a search: cells, by every way through the tick, times operations of the tick."""
 
 WIDEST = 6

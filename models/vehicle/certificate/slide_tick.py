@@ -23,6 +23,7 @@ import numpy as np
 from slipctl import BadInput
 from slipctl.block.transforms.discretisation import gated
 from slipctl.certify.mode_cells import ModeLoop
+from slipctl.certify.mode_proofs import MOST_REALS
 from slipctl.certify.mode_runs import worst_runs
 from slipctl.certify.slide_loop import HEIGHT, LATE, NOISE, PUSH, SLIP, push_ranges
 from slipctl.certify.sums import NoProof
@@ -76,7 +77,12 @@ class SlideTick(AxleTick):
         push = {k: v for k, v in push.items() if f"d_{k}" in code.inputs}
         loop = ModeLoop(code, tuple(reals), whole, tuple((begin[k], begin[k]) for k in reals),
                         tuple(int(starts[k]) for k in whole), push, (SLIP,), stride)  # fmt: skip
-        return _with_delay(loop, int(ticks)) if ticks else loop
+        if not ticks:
+            return loop
+        if len(reals) > MOST_REALS:
+            raise NoProof(f"it has {len(reals)} states that are real numbers ({', '.join(reals)}), and"
+                          f" a dead time; cells take {MOST_REALS} beside modes")  # fmt: skip
+        return _with_delay(loop, int(ticks))
 
     def _tick(self, v: float, demand: float, waits: bool) -> tuple[TickCode, dict[str, Fraction]]:
         """Tick of all states, and their start."""
