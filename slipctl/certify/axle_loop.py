@@ -138,7 +138,9 @@ class LoopQuestion:
 
     def _find_tube(self, n: Numbers) -> Entries | None:
         ticks = self._ticks(n)
-        return self._find(n, lambda *asked: find_tube(*asked, ticks), self._check_tube)
+        return self._find(
+            n, lambda loop, cell, bounds: find_tube(loop, cell, bounds, ticks), self._check_tube
+        )
 
     def _check_tube(self, n: Numbers, given: Entries) -> None:
         def checked(*asked: Any) -> tuple[Cell, list[Fraction]]:

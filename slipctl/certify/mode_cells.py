@@ -355,8 +355,9 @@ class Growth:
                           f" {self.last[axis] * size:.4g}")  # fmt: skip
         more = count // 4 + 1
         before = np.where(low < 0, np.minimum(-low + more, begin - self.first), 0)
-        after = np.where(high >= count,
-                         np.minimum(high - count + 1 + more, self.last - begin - count + 1), 0)
+        after = np.where(
+            high >= count, np.minimum(high - count + 1 + more, self.last - begin - count + 1), 0
+        )
         self.grid = Grid(tuple(map(int, begin - before)), old.size,
                          tuple(map(int, count + before + after)))  # fmt: skip
         if self.grid.places * len(self.cells.modes) > MOST_PLACES:
@@ -465,9 +466,7 @@ def expanded(low: np.ndarray, high: np.ndarray, count: Sequence[int]) -> np.ndar
 # ---- check --------------------------------------------------------------------------------------
 
 
-def check_cells(
-    loop: ModeLoop, grid: Grid, cells: Cells, quick: bool = False
-) -> tuple[Reach, str]:
+def check_cells(loop: ModeLoop, grid: Grid, cells: Cells, quick: bool = False) -> tuple[Reach, str]:
     """Confirm that no tick leaves a set; gives what it reaches, and the arithmetic of the check.
 
     Args:

@@ -108,7 +108,7 @@ class ModeTick:
             operation, *args = code.steps[k]
             for i in args if operation != "const" else ():
                 last.setdefault(i, k)
-        self._dead: list[list[int]] = [[] for _ in code.steps] + [[]]
+        self._dead: list[list[int]] = [[] for _ in range(len(code.steps) + 1)]
         for i, k in last.items():
             self._dead[k].append(i)
 
@@ -194,7 +194,7 @@ class ModeTick:
                 values[first + k] = self._after(operation, parts, args)
             for i in self._dead[k]:
                 values[i] = None
-        found = {n: values[i] for n, i in self.code.outputs.items()}
+        found: dict[str, Any] = {n: values[i] for n, i in self.code.outputs.items()}
         modes = np.empty((len(cell), len(self.modes)), np.int64)
         for k, name in enumerate(self.modes):
             modes[:, k] = found[name].box.whole()
@@ -237,8 +237,11 @@ class ModeTick:
                     never &= (answer.low == 0) if part == 1 else (answer.low != 0)
                     mine = own & ~never.astype(bool)
                 counts[i] = mine if not counts[i].size else counts[i] | mine
-        return {k: counts[first + k] if counts[first + k].size else none
-                for k, (operation, *_) in enumerate(code.steps) if operation in COMPARISONS}
+        return {
+            k: counts[first + k] if counts[first + k].size else none
+            for k, (operation, *_) in enumerate(code.steps)
+            if operation in COMPARISONS
+        }
 
     @staticmethod
     def _compared(operation: str, parts: Sequence[Any], half: Sequence[Any]) -> Any:

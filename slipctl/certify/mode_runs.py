@@ -124,7 +124,8 @@ def worst_runs(loop: ModeLoop, ticks: int, seed: int = 0, kept: str = "") -> Run
         loop: the loop. ticks: of each run. seed: of its pushes. kept: a further output whose ends
             are wanted.
     """
-    search, worst = _Search(loop, ticks, seed, kept), {}
+    search = _Search(loop, ticks, seed, kept)
+    worst: dict[tuple[str, int], tuple[float, np.ndarray, np.ndarray]] = {}
     for name in loop.watched:
         k = loop.reals.index(name)
         for side in (1, -1):
@@ -137,13 +138,15 @@ def worst_runs(loop: ModeLoop, ticks: int, seed: int = 0, kept: str = "") -> Run
                 best = order[0]
                 if (name, side) not in worst or far[best] > worst[name, side][0] * side:
                     worst[name, side] = (
-                        float(side * far[best]), starts[best].copy(), signs[best].copy()
+                        float(side * far[best]),
+                        starts[best].copy(),
+                        signs[best].copy(),
                     )
                 if generation + 1 < GENERATIONS:
                     signs = search.altered(signs, order[:30])
                     starts[:30] = starts[order[:30]]
-    low, high = (Fraction(float(e)) for e in search.ends)
-    return Runs(search.lowest, search.highest, search.visited, worst, (low, high))
+    ends = [Fraction(float(e)) for e in search.ends]
+    return Runs(search.lowest, search.highest, search.visited, worst, (ends[0], ends[1]))
 
 
 def run_entries(starts: np.ndarray, signs: np.ndarray) -> dict[str, Any]:
@@ -194,4 +197,3 @@ def replayed(
             if low is not None and above < low:
                 return ticks, above
     raise DoesNotHold(f"run: {state} is not shown to exceed its bound")
-

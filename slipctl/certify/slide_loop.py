@@ -153,8 +153,10 @@ def read_loop(given: Any, n: Numbers) -> ModeLoop:
     reals, modes = (read_names(entry[k], f"loop.{k}") for k in ("reals", "modes"))
     start = tuple(_range(e, "loop.start")
                   for e in rows(entry["start"], "loop.start", len(reals), len(reals)))  # fmt: skip
-    begins = tuple(whole(b, "loop.begins", -(10**6), 10**6)
-                   for b in rows(entry["begins"], "loop.begins", len(modes), len(modes)))
+    begins = tuple(
+        whole(b, "loop.begins", -(10**6), 10**6)
+        for b in rows(entry["begins"], "loop.begins", len(modes), len(modes))
+    )
     kept = {k: _range(e, "loop.kept")
             for k, e in read_mapping(entry["kept"], ("rate",), "loop.kept").items()}  # fmt: skip
     push = push_ranges(n)
@@ -188,7 +190,8 @@ def _start(n: Numbers) -> str:
 
 
 def slide_system(
-    build: Callable[[Numbers], ModeLoop] | None, why: list[str] | None = None,
+    build: Callable[[Numbers], ModeLoop] | None,
+    why: list[str] | None = None,
     taken: Mapping[str, str] | None = None,
 ) -> System:
     """System of a loop with modes; without ``build`` that of a file's own tick.

@@ -86,9 +86,7 @@ def find_cell(loop: SampledLoop, cell: Cell, bounds: Bounds) -> tuple[dict[str, 
 class _Search:
     """Search over one cell."""
 
-    def __init__(
-        self, loop: SampledLoop, cell: Cell, bounds: Bounds, stable: bool = True
-    ) -> None:
+    def __init__(self, loop: SampledLoop, cell: Cell, bounds: Bounds, stable: bool = True) -> None:
         self.loop, self.cell, self.bounds = loop, cell, bounds
         self.n, self.why = len(loop.states), ""
         self.B = np.zeros((self.n, len(loop.pushes)))

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows
@@ -85,12 +86,9 @@ class Question:
         """Clauses of the promise: one where a bound is told, one with what is proved."""
         found = {}
         for x, stay in self.stays.items():
-            found[f"{x}_stays"] = Target(
-                lambda n, e, x=x, s=stay: _says(x, s, n, e), (stay.high,)
-            )  # type: ignore[misc]
-            found[f"{x}_bounded"] = Target(
-                lambda n, e, x=x, s=stay: _says(x, s, n, e), unless=(f"{x}_stays",)
-            )  # type: ignore[misc]
+            claim = partial(_says, x, stay)
+            found[f"{x}_stays"] = Target(claim, (stay.high,))
+            found[f"{x}_bounded"] = Target(claim, unless=(f"{x}_stays",))
         return found
 
     def criteria(self, numbers: Numbers) -> dict[str, Criterion]:

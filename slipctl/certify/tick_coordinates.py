@@ -24,7 +24,7 @@ def affine_values(code: TickCode) -> list[Affine | None]:
             found.append({"": Fraction(args[0])} if args[0] else {})
             continue
         parts = [found[i] for i in args]
-        found.append(None if None in parts else _affine(operation, parts))  # type: ignore[arg-type]
+        found.append(None if None in parts else _affine(operation, parts))
     return found
 
 

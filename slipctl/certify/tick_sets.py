@@ -145,7 +145,9 @@ class Loop:
             return otherwise
         many = Fraction(n[self.within])
         if many.denominator != 1 or many < 1:
-            raise BadInput(f"{self.within} = {float(many):g} ticks must be a whole number from 1 on")
+            raise BadInput(
+                f"{self.within} = {float(many):g} ticks must be a whole number from 1 on"
+            )
         return min(int(many), otherwise)
 
     def refuters(self) -> dict[str, Refuter]:

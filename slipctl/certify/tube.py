@@ -19,12 +19,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
-from slipctl.certify.sampled_loop import Cell, Nominal, SampledLoop, boxes, decimals, remainders
+from slipctl.certify.sampled_loop import Cell, Nominal, SampledLoop, decimals, remainders
 from slipctl.certify.sums import Bounds, NoProof, _pair, _read_cell, _Search, _whole
 from slipctl.certify.sums_check import GRID, whole_entries
 
@@ -81,7 +82,7 @@ def find_tube(
     prefix = np.concatenate([np.zeros((1, n, n)), np.cumsum(size[:-1], axis=0)])
     half, middle = linear.copy(), np.zeros((ticks + 1, n))
     found: list[np.ndarray] = []
-    for a, b in zip(ends, ends[1:], strict=False):
+    for a, b in pairwise(ends):
         box = _stretch(search, A, prefix, (half, middle), (a, b), ticks)
         found.append(box)
     far = np.abs(middle) + half
@@ -178,7 +179,7 @@ def check_tube(loop: SampledLoop, bounds: Bounds, given: Any) -> tuple[Cell, lis
     A, B = whole_entries(entry["A"], n, n), whole_entries(entry["B"], n, m)
     ends = [whole(t, "evidence.ends", 0, MOST_TICKS)
             for t in rows(entry["ends"], "evidence.ends", STRETCHES + 1)]  # fmt: skip
-    if len(ends) < 2 or ends[0] != 0 or any(b <= a for a, b in zip(ends, ends[1:], strict=False)):
+    if len(ends) < 2 or ends[0] != 0 or any(b <= a for a, b in pairwise(ends)):
         raise DoesNotHold("evidence.ends: stretches follow each other from 0 on")
     many = len(ends) - 1
     given_boxes = [[rational(z, "evidence.boxes") for z in rows(box, "evidence.boxes", n, n)]
@@ -199,7 +200,7 @@ def check_tube(loop: SampledLoop, bounds: Bounds, given: Any) -> tuple[Cell, lis
     scaled = [[(a / u, b / u) for (a, b), u in zip(one, unit, strict=True)] for one in added]
     half, middle, bits = _paths(A, B, n, ends, scaled, bounds, unit)
     far = [Fraction(0)] * n
-    for j, (a, b) in enumerate(zip(ends, ends[1:], strict=False)):
+    for j, (a, b) in enumerate(pairwise(ends)):
         for k in range(n):
             most = Fraction(int((abs(middle[a:b, k]) + half[a:b, k]).max()), 1 << bits)
             if most * unit[k] > given_boxes[j][k]:
@@ -238,7 +239,7 @@ def _paths(
     def up(value: Fraction) -> int:
         return math.ceil(value * (1 << SAFE))
 
-    half = np.zeros((ticks + 1, n), object)
+    half: Any = np.zeros((ticks + 1, n), object)
     for i, s in enumerate(bounds.start):
         if s:
             first = list(zero)
@@ -258,12 +259,12 @@ def _paths(
         first[i] = 1 << bits
         size = abs(exact.path(first, [], ticks - 1)) + slack
         prefix = np.concatenate([np.zeros((1, n), object), np.cumsum(size, axis=0)])
-        for (a, b), h in zip(zip(ends, ends[1:], strict=False), widths, strict=True):
+        for (a, b), h in zip(pairwise(ends), widths, strict=True):
             t = np.arange(a, ticks + 1)
             own = prefix[t - a] - prefix[np.maximum(t - b, 0)]
             half[a:] += (own * up(h) >> SAFE) + 1
     adds = []
-    for (a, b), one in zip(zip(ends, ends[1:], strict=False), added, strict=True):
+    for (a, b), one in zip(pairwise(ends), added, strict=True):
         middles = [math.floor((low + high) / 2 * (1 << bits)) for low, high in one]
         adds += [middles] * (b - a)
     middle = exact.path(zero, adds, ticks)

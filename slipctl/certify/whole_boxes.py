@@ -186,8 +186,10 @@ class WholeBoxes:
         sure = ((self.low > 0) | (self.high < 0)).astype(bool)
         never = ((self.low == 0) & (self.high == 0)).astype(bool)
         both = yes.hull(no)
-        return WholeBoxes(np.where(sure, yes.low, np.where(never, no.low, both.low)),
-                          np.where(sure, yes.high, np.where(never, no.high, both.high)))
+        return WholeBoxes(
+            np.where(sure, yes.low, np.where(never, no.low, both.low)),
+            np.where(sure, yes.high, np.where(never, no.high, both.high)),
+        )
 
     def decided(self) -> bool:
         """Whether each box holds a single number."""

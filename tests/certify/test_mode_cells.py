@@ -206,7 +206,11 @@ def test_images_hold_what_points_do(seed):
             for _ in range(6):
                 x = (*(low[:, cell] + wide * rng.choice([0, 1, rng.random()], 3)), modes[cell, 0])
                 for _ in range(ticks):
-                    c, w, n = rng.choice([0.17, 0.19]), rng.choice([-0.2, 0.2]), rng.choice([0, 0.02])
+                    c, w, n = (
+                        rng.choice([0.17, 0.19]),
+                        rng.choice([-0.2, 0.2]),
+                        rng.choice([0, 0.02]),
+                    )
                     x = plain(x, c, w, n)
                 assert any(
                     int(found.modes[r, 0]) == x[3]

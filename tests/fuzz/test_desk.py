@@ -24,11 +24,11 @@ from test_commands import TOKENS, altered
 from slipctl import from_text
 from slipctl.commands.cli import main
 from slipctl.errors import BadInput
-from slipctl.models.vehicle import parts
+from slipctl.models import vehicle
 from slipctl.models.vehicle.trip import case
 from slipctl.study.files import trip_files
 
-METRO = (Path(parts.__file__).parent / "files" / "metro.toml").read_text(encoding="utf-8")
+METRO = (Path(vehicle.__file__).parent / "files" / "metro.toml").read_text(encoding="utf-8")
 
 LONGEST = 2.0
 """CPU seconds that a file, an expression or a log may take; a vehicle that stands is built too."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from slipctl import BadInput, Block, probe, registry
-from slipctl.models import best_slip, sensors
+from slipctl.models import best_slip, sensors, vehicle
 from slipctl.models.cheng_2022 import freight_resistance
 from slipctl.models.huang_2020 import subway_braking
 from slipctl.models.predictive import predictive_speed
@@ -108,7 +108,7 @@ def mine(v=Input("m/s", "speed"), v_s=Input("m/s", "slip"), more=Input("N m", "m
     \"\"\"More where it rolls.\"\"\"
     return more
 """
-    trip = trip_files.load_trip(str(Path(parts.__file__).parent / "files" / "metro.toml"))
+    trip = trip_files.load_trip(str(Path(vehicle.__file__).parent / "files" / "metro.toml"))
     w = control.wheel(trip, None)
     path.write_text(text, encoding="utf-8")
     block, gated = control.slip_law(trip, parts.OwnLaw(block=f"{path}:mine"), w)

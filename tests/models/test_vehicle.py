@@ -70,8 +70,8 @@ def test_a_loop_is_the_same_in_every_process():
     # each time, and may sum in another order
     code = (
         "import hashlib; from slipctl.study import doors; from slipctl import prepare;"
-        "from slipctl.models.vehicle import parts; from pathlib import Path;"
-        "file = Path(parts.__file__).parent / 'files' / 'metro.toml';"
+        "from slipctl.models import vehicle; from pathlib import Path;"
+        "file = Path(vehicle.__file__).parent / 'files' / 'metro.toml';"
         "loop, case = doors.find_loop(doors.load_study(str(file)), 'none');"
         "rolled = prepare(loop, case.scenario, compile=False)._roller[0];"
         "print(hashlib.sha256(rolled.serialize().encode()).hexdigest())"

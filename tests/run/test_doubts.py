@@ -26,8 +26,8 @@ from slipctl import (
     step,
 )
 from slipctl.commands.cli import main
+from slipctl.models import vehicle
 from slipctl.models.brakes import brake
-from slipctl.models.vehicle import parts
 from slipctl.run.metrics import Metric
 from slipctl.run.preparation import prepare
 from slipctl.run.roles import Signals
@@ -192,7 +192,7 @@ def test_a_metric_that_a_loop_has_not_is_told_with_the_reason():
 
 def test_warnings_stand_at_the_top_of_output_and_report(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    text = (Path(parts.__file__).parent / "files" / "metro.toml").read_text(encoding="utf-8")
+    text = (Path(vehicle.__file__).parent / "files" / "metro.toml").read_text(encoding="utf-8")
     short = text[: text.index("[controllers.pid]")]
     Path("good.toml").write_text(short, encoding="utf-8")
     Path("weak.toml").write_text(short.replace('torque = "8 kN m"', 'torque = "1 kN m"'),

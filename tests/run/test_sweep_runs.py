@@ -31,7 +31,7 @@ from slipctl import (
     sweep,
 )
 from slipctl.commands.cli import main
-from slipctl.models.vehicle import parts
+from slipctl.models import vehicle
 from slipctl.run.metrics import Run, measure, rail_changes, rail_names
 from slipctl.run.sweep import sweep_export, sweep_runs
 from slipctl.run.sweep.ensemble import Ensemble, World
@@ -359,7 +359,7 @@ def test_bad_lines(line: str, said: str, tmp_path: Path, capsys: Any) -> None:
 
 def test_samples_of_nothing_that_is_drawn_are_told(tmp_path: Path, capsys: Any) -> None:
     """A grid alone has one run for each point; who asks for more of each is told."""
-    text = (Path(parts.__file__).parent / "files" / "metro.toml").read_text(encoding="utf-8")
+    text = (Path(vehicle.__file__).parent / "files" / "metro.toml").read_text(encoding="utf-8")
     short = text.replace('duration = "17 s"', 'duration = "20 ms"')
     (tmp_path / "metro.toml").write_text(short, encoding="utf-8")
     line = ["sweep", f"{tmp_path / 'metro.toml'}:none", "--vary", "m=36t:40t:2", "--samples", "5"]

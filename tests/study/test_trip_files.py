@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 
 from slipctl.commands.cli import main
 from slipctl.errors import BadInput, Faults
+from slipctl.models import vehicle
 from slipctl.models.vehicle import parts
 from slipctl.study import resolve
 from slipctl.study.files import trip_files
 
-METRO = (Path(parts.__file__).parent / "files" / "metro.toml").read_text(encoding="utf-8")
+METRO = (Path(vehicle.__file__).parent / "files" / "metro.toml").read_text(encoding="utf-8")
 
 
 def read(tmp_path, text):

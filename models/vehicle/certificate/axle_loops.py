@@ -260,8 +260,10 @@ class _AskedModes(_Asked):
 
     def words(self) -> str:
         """Where the bounds are from."""
-        asked = "" if self.trip.certify.slip is not None else (
-            "; asked is that no wheel locks, [certify] slip asks for less"
+        asked = (
+            ""
+            if self.trip.certify.slip is not None
+            else ("; asked is that no wheel locks, [certify] slip asks for less")
         )
         return super().words().replace("; a valve taken as the slower of its lags", "") + asked
 

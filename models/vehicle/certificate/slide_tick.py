@@ -80,8 +80,8 @@ class SlideTick(AxleTick):
         if not ticks:
             return loop
         if len(reals) > MOST_REALS:
-            raise NoProof(f"it has {len(reals)} states that are real numbers ({', '.join(reals)}), and"
-                          f" a dead time; cells take {MOST_REALS} beside modes")  # fmt: skip
+            raise NoProof(f"it has {len(reals)} states that are real numbers ({', '.join(reals)}),"
+                          f" and a dead time; cells take {MOST_REALS} beside modes")  # fmt: skip
         return _with_delay(loop, int(ticks))
 
     def _tick(self, v: float, demand: float, waits: bool) -> tuple[TickCode, dict[str, Fraction]]:

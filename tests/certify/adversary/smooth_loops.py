@@ -14,6 +14,7 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
+
 from adversary.common import Tally
 
 TICK = 0.01

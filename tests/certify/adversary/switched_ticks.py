@@ -1,4 +1,4 @@
-"""Random state machines: a relay with hold, timers and late decisions around a plant of a few lines.
+"""Random state machines: a relay with hold, timers and late decisions around a small plant.
 
 The machine is written as text and read by certify. Here it is run as it is, in floats, by runs of
 this file: random pushes, and pushes that go where the error goes. No CERTIFIED bound may be
@@ -23,13 +23,17 @@ def source(rng: random.Random) -> tuple[str, dict[str, float], dict[str, int]]:
     pull, bend = rng.choice((-0.2, 0.0, 0.5, 1.0)), rng.choice((0, 0, 0.3, -0.4))
     reads = rng.choice(("x['e']", "x['e'] + d['n']", "abs(x['e'])"))
     acts = f"x['q{late}']" if late else "x['m']"
-    rows = [f"    to = if_else({acts} == 0, {up}, if_else({acts} == 2, -{down}, 0))",
-            f"    seen = {reads}"]
+    rows = [
+        f"    to = if_else({acts} == 0, {up}, if_else({acts} == 2, -{down}, 0))",
+        f"    seen = {reads}",
+    ]
     actuator = "x['u']" if lagged else "to"
     rows.append(f"    e = x['e'] + {T}*({actuator} - {pull}*x['e'] - {bend}*x['e']*x['e']"
                 " + d['w'])")  # fmt: skip
-    rows.append(f"    m = if_else(seen > {high}, 2, if_else(seen < {low}, 0,"
-                f" {rng.choice(('1', 'x[chr(109)]'))}))".replace("x[chr(109)]", "x['m']"))
+    rows.append(
+        f"    m = if_else(seen > {high}, 2, if_else(seen < {low}, 0,"
+        f" {rng.choice(('1', 'x[chr(109)]'))}))".replace("x[chr(109)]", "x['m']")
+    )
     given = {"e": "e", "m": "m"}
     reals, modes = {"e": 0.0}, {"m": 0}
     if lagged:
@@ -54,8 +58,9 @@ def runs(tick, reals, modes, numbers, rng, many, ticks) -> float:
     """Largest e of runs of a tick in floats."""
     worst = max(0.0, numbers["e0"])
     for k in range(many):
-        x: dict[str, Any] = {s: rng.choice((-1, 1)) * numbers["e0"] if s == "e" else v
-                             for s, v in reals.items()} | dict(modes)
+        x: dict[str, Any] = {
+            s: rng.choice((-1, 1)) * numbers["e0"] if s == "e" else v for s, v in reals.items()
+        } | dict(modes)
         stay, w, noise = rng.choice((1, 3, 8, 30, 500)), 1, 1
         for i in range(ticks):
             if i % stay == 0:
@@ -111,8 +116,10 @@ def one(seed: int) -> tuple[str, str]:
 
 def replayed(tick, reals, modes, numbers, run) -> float:
     """Largest e of the run of a counterexample, in floats."""
-    x: dict[str, Any] = {s: (1 if sign > 0 else -1) * numbers["e0"] if s == "e" else 0.0
-                         for s, sign in zip(reals, run["start"], strict=True)} | dict(modes)
+    x: dict[str, Any] = {
+        s: (1 if sign > 0 else -1) * numbers["e0"] if s == "e" else 0.0
+        for s, sign in zip(reals, run["start"], strict=True)
+    } | dict(modes)
     worst = x["e"]
     for count, w, noise in run["pushes"]:
         for _ in range(count):

@@ -1,0 +1,143 @@
+"""The slip that is wanted, when slip control takes over, and the controllers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, dataclass, field
+from typing import Literal
+
+from slipctl.models.vehicle.parts.declaration import (
+    Fault,
+    Part,
+    number,
+    off_range,
+    text_field,
+    torque_of,
+)
+
+SLIP_LAWS = ("pid", "smc", "sta", "efc", "eppfc", "eppfc_barrier", "barrier", "hosm")
+"""Slip laws by the names of :func:`slipctl.models.common_form.laws`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Searched(Part):
+    """Best slip, estimated and searched while the loop runs, for each axle."""
+
+    kind: Literal["searched"] = "searched"
+    law: str = text_field("double_exponential", "law that is fitted, from the slip speed")
+    start: Mapping[str, float | str] = text_field({}, "first guess of its parameters")
+    noise: float = number("1", 1e-2, "of the measured adhesion, as the fit is told", lo=1e-6, hi=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlipSpeed(Part):
+    """A fixed slip speed."""
+
+    kind: Literal["speed"] = "speed"
+    slip: float = number("m/s", MISSING, "slip speed to hold", lo=0.01, hi=20)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlipRatio(Part):
+    """A fixed share of the vehicle's speed."""
+
+    kind: Literal["ratio"] = "ratio"
+    slip: float = number("1", MISSING, "slip over speed", lo=1e-3, hi=0.9)
+    least: float = number("m/s", 0.2, "slip speed that it does not fall below", lo=0.01, hi=5)
+
+
+Reference = Searched | SlipSpeed | SlipRatio
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlipControl(Part):
+    """When slip control takes over from the demand, and when it gives back."""
+
+    wake: float = number("1", 0.5, "slip over the reference at which it takes over", lo=0, hi=1)
+    least: float = number("m/s", 0.3, "slip below which it does not take over", lo=0, hi=20)
+    rest: float = number("s", 0.2, "time of ruling demand after which it gives back", lo=0, hi=10)
+    off: float = number("m/s", 1.0, "speed below which it is off and the demand is given",
+                        lo=0, hi=10)  # fmt: skip
+    safe: str | float = text_field("", "what an axle gets whose samples are not believed: 'demand',"
+                             " 'hold', or a torque below the demand; none given: the demand, 0"
+                             " for a driven vehicle")  # fmt: skip
+    demand_lost: str | float = text_field("", "demand .2 s after it is no number any more:"
+                                    " 'largest', or a torque; none given: the largest of a"
+                                    " braked vehicle, 0 of a driven one")  # fmt: skip
+    release: float = number("s", 10.0, "longest release of an axle, after which it gets the demand"
+                            " for 1 s", lo=0.1, hi=600)  # fmt: skip
+    release_still: float = number("s", 3.0, "longest release of an axle that does not run up",
+                                  lo=0.1, hi=600)  # fmt: skip
+    radius: float | tuple[float, ...] | None = number(
+        "m", None, "of the wheels, or of each axle with an actuator, as the controllers believe;"
+        " none given: as it is", lo=0.2, hi=1,
+    )  # fmt: skip
+    learn: bool | None = text_field(
+        None, "whether the ratios of the radii are learnt while no wheel slips; none given: where"
+        " the vehicle's speed is from the wheels",
+    )  # fmt: skip
+
+    def misfits(self) -> Iterator[Fault]:
+        """A safe output or a demand that is neither a word that there is nor a torque."""
+        for name, words in (("safe", ("demand", "hold")), ("demand_lost", ("largest",))):
+            given = getattr(self, name)
+            if isinstance(given, str) and given not in ("", *words):
+                fault = torque_of(given)
+                if isinstance(fault, str):
+                    yield name, f"is {given!r}; write {' or '.join(map(repr, words))}, or a torque"
+            elif not isinstance(given, str) and off_range(
+                given, {"unit": "N m", "lo": 0, "hi": 1e6}
+            ):
+                yield name, off_range(given, {"unit": "N m", "lo": 0, "hi": 1e6})
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlipLaw(Part):
+    """A slip law of the papers by its name, with its own gains; ``slipctl list kinds`` has them."""
+
+    kind: Literal[SLIP_LAWS] = text_field("pid", "which law")  # type: ignore[valid-type]
+    lead: float = number("1", 1.0, "actuator's lag over the one that it shall have", lo=1, hi=20)
+    reference: Reference | None = text_field(None, "slip to go to, instead of the trip's")
+    gains: Mapping[str, float | str] = field(
+        default_factory=dict, metadata={"rest": True, "doc": "parameters of the law by name"}
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Predictive(Part):
+    """Predictive slip control: the best slip within torque, rate and slip limits."""
+
+    kind: Literal["nmpc"] = "nmpc"
+    ticks: int = number("1", 2, "ticks from one solution to the next, length of a stage",
+                        lo=1, hi=50)  # fmt: skip
+    horizon: int = number("1", 40, "stages", lo=9, hi=200)
+    slip: float = number("1", 1.0, "weight of the slip error over the best slip", lo=0, hi=1e6)
+    change: float = number("1", 0.02, "weight of the torque still to come", lo=0, hi=1e6)
+    beyond: float = number("1", 2.0, "weight of slip beyond 1.5 times its reference", lo=0, hi=1e6)
+    rate: float = number("1", 20.0, "largest rate, in largest torques a lag", lo=0.01, hi=1e3)
+    pole: float = number("1", 3.0, "of the observer, over the reciprocal lag", lo=0.1, hi=100)
+    smooth: float = number("1", 1.2, "filter of the reference, in lags", lo=0.01, hi=100)
+    reference: Reference | None = text_field(None, "slip to go to, instead of the trip's")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemandAlone(Part):
+    """No slip control: the demand as it is."""
+
+    kind: Literal["none"] = "none"
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnLaw(Part):
+    """A slip law of one's own: a block from what it needs of v, v_s, v_best, F, D to T_wanted."""
+
+    kind: Literal["file"] = "file"
+    block: str = text_field(MISSING, "my_law.py:block, or a model by name")
+    lead: float = number("1", 1.0, "actuator's lag over the one that it shall have", lo=1, hi=20)
+    reference: Reference | None = text_field(None, "slip to go to, instead of the trip's")
+    gains: Mapping[str, float | str] = field(
+        default_factory=dict, metadata={"rest": True, "doc": "parameters of the block by name"}
+    )
+
+
+Controller = SlipLaw | Predictive | DemandAlone | OwnLaw

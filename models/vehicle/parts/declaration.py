@@ -1,0 +1,130 @@
+"""How a part of a file is declared: numbers with unit and range, and what it refuses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, field, fields
+from typing import Any
+
+import numpy as np
+
+from slipctl import BadInput
+from slipctl.block.units.unit_algebra import parse_quantity, split_quantity
+from slipctl.block.units.unit_algebra import unit as unit_of
+
+Fault = tuple[str, str]
+"""A path such as ``"rail.sections.1"`` and what is wrong there."""
+
+
+def number(
+    unit: str, value: Any = MISSING, doc: str = "", *, lo: float = -math.inf, hi: float = math.inf,
+    by: str = "", key: str = "",
+) -> Any:  # fmt: skip
+    """Declare a number of a part, or a list of them; without ``value`` it must be given.
+
+    With ``by`` it may be told by another quantity too, ``by="kg"`` takes N/kg for N; see ``Each``.
+    ``key`` is its name in a file, where Python has no such name.
+    """
+    meta = {"unit": unit, "doc": doc, "lo": lo, "hi": hi} | ({"by": by} if by else {})
+    meta |= {"key": key} if key else {}
+    return field(default=value, metadata=meta)
+
+
+def text_field(value: Any, doc: str) -> Any:
+    """Declare what is no number, with its meaning."""
+    if isinstance(value, (dict, list)):
+        return field(default_factory=lambda: type(value)(value), metadata={"doc": doc})
+    return field(default=value, metadata={"doc": doc})
+
+
+def off_range(value: float, meta: Mapping[str, Any]) -> str:
+    """What is wrong with a number of a field, in words; empty where nothing is."""
+    unit = "" if meta["unit"] == "1" else f" {meta['unit']}"
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)):
+        return f"{value!r} is no number{f' in{unit}' if unit else ''}"
+    if not math.isfinite(value):
+        return f"{value:g}{unit} is not finite"
+    if not meta["lo"] <= value <= meta["hi"]:
+        return f"{value:g}{unit} is outside {meta['lo']:g} .. {meta['hi']:g}{unit}"
+    return ""
+
+
+STANDSTILL = "standstill"
+"""What ends a trip when the vehicle has stopped."""
+
+
+def size_of(text: str) -> float | None:
+    """Number of a text in SI, whatever it is of; None where it is none."""
+    try:
+        value, name = split_quantity(text.strip())
+        return float(value) * (unit_of(name).scale if name else 1.0)
+    except (BadInput, ValueError):
+        return None
+
+
+def number_with_unit(text: str, *units: str) -> tuple[float, str] | str:
+    """Positive number in one of some units, with that unit; or what is wrong with the text."""
+    bare = text.strip()[-1:]
+    for unit in units if bare.isalpha() else ():
+        try:
+            value = parse_quantity(text, unit)
+        except BadInput:
+            continue
+        if math.isfinite(value) and value > 0:
+            return value, unit
+        return f"is {text!r}, which is not above 0"
+    return f"is {text!r}; write a number in {' or '.join(units)}, such as '12 {units[0]}'"
+
+
+def torque_of(given: str | float) -> float | str:
+    """Torque in N m from 0 on, of a number or a text with its unit; or what is wrong with it."""
+    if not isinstance(given, str):
+        return float(given)
+    try:
+        value = parse_quantity(given, "N m")
+    except BadInput as error:
+        return str(error)
+    return value if 0 <= value <= 1e6 else f"{value:g} N m is outside 0 .. 1e6 N m"
+
+
+class Part:
+    """A part; it refuses numbers off range and what does not fit together."""
+
+    def __post_init__(self) -> None:
+        for path, text in self.wrong():
+            raise BadInput(f"{type(self).__name__}: {path}: {text}" if path else text)
+
+    def wrong(self) -> Iterator[Fault]:
+        """Everything that is wrong with the part itself, its parts left out."""
+        for f in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, f.name)
+            if "unit" in f.metadata and value is not None:
+                many = value if isinstance(value, (list, tuple)) else [value]
+                for k, one in enumerate(many):
+                    text = off_range(one, f.metadata)
+                    if text:
+                        yield f.name if many is not value else f"{f.name}.{k}", text
+        yield from self.misfits()
+
+    def misfits(self) -> Iterator[Fault]:
+        """What does not fit together."""
+        return iter(())
+
+
+TICK = 1e-3
+"""Sample time of a trip in s; that of ``slipctl.models.common_form``."""
+
+
+def faults_off_ticks(name: str, value: float) -> Iterator[Fault]:
+    """A time that would be rounded."""
+    ticks = value / TICK
+    if abs(ticks - round(ticks)) > 1e-6:
+        low, high = int(ticks), int(ticks) + 1
+        yield (
+            name,
+            (
+                f"{1e3 * value:g} ms is no whole number of samples of {1e3 * TICK:g} ms; write"
+                f" '{1e3 * TICK * low:g} ms' or '{1e3 * TICK * high:g} ms'"
+            ),
+        )

@@ -1,0 +1,177 @@
+"""A whole trip, what a run of it may not exceed, and what differs from draw to draw."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, dataclass
+from itertools import pairwise
+
+from slipctl.models.vehicle.parts.actuator import Actuator, Valve
+from slipctl.models.vehicle.parts.controllers import Controller, Reference, Searched, SlipControl
+from slipctl.models.vehicle.parts.declaration import (
+    STANDSTILL,
+    Fault,
+    Part,
+    number,
+    number_with_unit,
+    size_of,
+    text_field,
+)
+from slipctl.models.vehicle.parts.demand import Constant, Most, Profile
+from slipctl.models.vehicle.parts.rail import Track
+from slipctl.models.vehicle.parts.sensors import Sensors, WheelsOnly
+from slipctl.models.vehicle.parts.vehicle import Vehicle
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits(Part):
+    """Largest values that are accepted: a run that is above one is marked."""
+
+    distance: float | None = number("m", None, "over the run", lo=0)
+    stopping_distance: float | None = number("m", None, "until standstill", lo=0)
+    settling_time: float | None = number("s", None, "after each change of the rail", lo=0)
+    lock_time: float | None = number("s", None, "with a wheel that stands still", lo=0)
+    slip_max: float | None = number("m/s", None, "slip speed", lo=0)
+    slip_error_rms: float | None = number("m/s", None, "slip minus its reference", lo=0)
+    torque_ripple: float | None = number("N m", None, "before each change of the rail", lo=0)
+    jerk_rms: float | None = number("m/s^3", None, "of the vehicle", lo=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn(Part):
+    """What differs from draw to draw where gains are tuned."""
+
+    seeds: bool = text_field(False, "whether the noise is drawn anew")
+    draw: Mapping[str, str] = text_field({}, "range of each number that is drawn, m = '36t:42t'")
+    scale: Mapping[str, str] = text_field({}, "factors and what each multiplies, '0.8:1.2 of c'")
+
+    def misfits(self) -> Iterator[Fault]:
+        """An ensemble that is empty, a range that is none."""
+        for name, text in self.draw.items():
+            ends = [size_of(end) for end in str(text).split(":")]
+            if len(ends) == 2 and None not in ends and not ends[0] < ends[1]:  # type: ignore[operator]
+                yield f"draw.{name}", f"{text!r} is no range; write the lower end first"
+        if not (self.draw or self.scale or self.seeds):
+            yield "", "the ensemble is empty; write what differs from draw to draw, seeds = true"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assumed(Part):
+    """What ``slipctl certify`` takes for granted where it bounds what a law has to withstand."""
+
+    error: float = number("1", 0.1, "share by which a fitted adhesion may be wrong", lo=0, hi=1)
+    tube: float = number("1", 0.05, "share of the best slip within which the slip is held",
+                         lo=1e-3, hi=0.5)  # fmt: skip
+    push: float = number("m/s^2", 0.1, "what pushes the slip of an axle in any way, beside what the"
+                         " other axles do", lo=0, hi=100)  # fmt: skip
+    noise: float = number("m/s", 0.0, "largest noise of the slip that a controller sees", lo=0,
+                          hi=10)  # fmt: skip
+    off: float = number("m/s", 0.0, "how far the slip may be off its rest at the start", lo=0,
+                        hi=10)  # fmt: skip
+    time: float | None = number("s", None, "for which a controller that runs is asked; not told:"
+                                " for ever", lo=1e-3, hi=10)  # fmt: skip
+    slip: float | None = number("m/s", None, "slip that a slide protection never lets be exceeded;"
+                                " not told: that of a locked wheel", lo=1e-3, hi=150)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trip(Part):
+    """A vehicle on its way: what it is, what it runs on, what is wanted, and who controls it."""
+
+    title: str = text_field("A vehicle of one's own", "a line for report and figures")
+    duration: float = number("s", 30.0, "of the run", lo=0.01, hi=1e4)
+    end: str = text_field("", "what ends a run before: 'standstill', or a place of the first axle")
+    vehicle: Vehicle = text_field(MISSING, "the vehicle")
+    actuator: Actuator = text_field(MISSING, "what turns or brakes each axle")
+    rail: Track = text_field(MISSING, "the rail")
+    demand: Constant | Profile | Most = text_field(Most(), "what is wanted")
+    sensors: Sensors = text_field(Sensors(), "what is measured")
+    reference: Reference = text_field(Searched(), "slip that the controllers go to")
+    control: SlipControl = text_field(SlipControl(), "when slip control takes over")
+    controllers: Mapping[str, Controller] = text_field(
+        MISSING, "controllers by a name of one's own"
+    )
+    limits: Limits = text_field(Limits(), "what a run may not exceed")
+    ensemble: Drawn | None = text_field(
+        None, "what differs from draw to draw where gains are tuned"
+    )
+    certify: Assumed = text_field(Assumed(), "what certificates take for granted")
+    seed: int = number("1", 1, "of all noise", lo=0, hi=2**31)
+    noise: float = number("1", 1.0, "factor on every noise; 0 is silent", lo=0, hi=100)
+
+    @property
+    def believed(self) -> tuple[float, ...]:
+        """Radius in m of each axle with an actuator, as the controllers believe."""
+        given = self.control.radius
+        if given is None:
+            return tuple(self.vehicle.radii[k] for k in self.vehicle.worked)
+        many = len(self.vehicle.worked)
+        return tuple(given) if isinstance(given, (list, tuple)) else (given,) * many
+
+    @property
+    def one_radius(self) -> float:
+        """Radius in m that all controllers know; the speeds of the wheels are brought to it."""
+        if self.control.radius is None:
+            return self.vehicle.wheel_radius
+        return sum(self.believed) / len(self.believed)
+
+    @property
+    def learns(self) -> bool:
+        """Whether the ratios of the radii are learnt."""
+        if self.control.learn is None:
+            wheels = isinstance(self.sensors.vehicle_speed, WheelsOnly)
+            return wheels and len(self.vehicle.worked) > 1
+        return self.control.learn
+
+    def misfits(self) -> Iterator[Fault]:
+        """What of one part does not fit another."""
+        if self.end not in ("", STANDSTILL):
+            fault = number_with_unit(self.end, "m")
+            if isinstance(fault, str):
+                yield "end", f"{fault}, or {STANDSTILL!r}"
+        wanted = "deceleration" if self.vehicle.mode == "brake" else "acceleration"
+        other = "acceleration" if self.vehicle.mode == "brake" else "deceleration"
+        if getattr(self.demand, other, None) is not None:
+            yield f"demand.{other}", f"the vehicle's mode is {self.vehicle.mode!r}; write {wanted}"
+        if not self.controllers:
+            yield "controllers", "there is no controller; kind = 'none' applies the demand alone"
+        if isinstance(self.actuator, Valve) and self.vehicle.mode == "drive":
+            yield "actuator.kind", "a valve brakes; a driven vehicle takes kind = 'lag'"
+        believed, worked = self.control.radius, len(self.vehicle.worked)
+        if isinstance(believed, (list, tuple)) and len(believed) != worked:
+            yield (
+                "control.radius",
+                f"has {len(believed)} values for {worked} axles with an actuator",
+            )
+        if self.control.learn and worked < 2:
+            yield "control.learn", "one axle has no ratio to learn"
+        if isinstance(self.sensors.vehicle_speed, WheelsOnly) and self.vehicle.axles < 2:
+            yield "sensors.vehicle_speed", "one axle that slips tells no speed; use another kind"
+        yield from self._misplaced()
+        for name in self.controllers:
+            if not name.isidentifier() or name == "ideal":
+                yield f"controllers.{name}", "write a name of letters, digits and _; not 'ideal'"
+
+    def _misplaced(self) -> Iterator[Fault]:
+        """Cells that two axles would share; contaminated places where no wheel gets."""
+        layer, behind = self.rail.contamination, self.vehicle.behind
+        if layer is None:
+            return
+        apart = min((b - a for a, b in pairwise(behind)), default=math.inf)
+        if layer.cell > apart:
+            yield (
+                "rail.contamination.cell",
+                f"{layer.cell:g} m is more than the {apart:g} m between two axles, which would be"
+                f" in one cell; write '{apart:g} m' or less",
+            )
+        found = number_with_unit(self.end, "m") if self.end else ""
+        last = found[0] if isinstance(found, tuple) else math.inf
+        if self.vehicle.mode == "brake" and not self.rail.falls:
+            last = min(last, self.vehicle.speed * self.duration)
+        for k, place in enumerate(layer.places):
+            where = f"rail.contamination.places.{k}"
+            if place.begin >= last:
+                yield f"{where}.from", f"is {place.begin:g} m, and the run ends at {last:g} m"
+            if place.end <= -behind[-1]:
+                yield f"{where}.to", f"is {place.end:g} m, behind the last axle at the start"
