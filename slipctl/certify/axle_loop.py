@@ -138,9 +138,11 @@ class LoopQuestion:
 
     def _find_tube(self, n: Numbers) -> Entries | None:
         ticks = self._ticks(n)
-        return self._find(
-            n, lambda loop, cell, bounds: find_tube(loop, cell, bounds, ticks), self._check_tube
-        )
+
+        def found(loop: SampledLoop, cell: Cell, bounds: Bounds) -> Any:
+            return find_tube(loop, cell, bounds, ticks)
+
+        return self._find(n, found, self._check_tube)
 
     def _check_tube(self, n: Numbers, given: Entries) -> None:
         def checked(*asked: Any) -> tuple[Cell, list[Fraction]]:

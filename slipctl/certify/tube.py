@@ -240,6 +240,7 @@ def _paths(
         return math.ceil(value * (1 << SAFE))
 
     half: Any = np.zeros((ticks + 1, n), object)
+    size: Any
     for i, s in enumerate(bounds.start):
         if s:
             first = list(zero)

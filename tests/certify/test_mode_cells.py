@@ -103,7 +103,7 @@ def asked(system, **numbers):
 
 @pytest.mark.parametrize("late", [0, 3])
 def test_the_swing_of_a_relay_is_proved_to_a_cell(late):
-    """It turns at the threshold, or up to a tick and a push beyond, and goes on while it is late."""
+    """It turns up to a tick and a push beyond the threshold, and goes on while it is late."""
     W = F(1, 128)
     swing = F(1, 2) + (1 + late) * (F(1, 32) + W)
     system = relay(late)
@@ -178,10 +178,8 @@ def plain(x, c, w, n):
     fall = 159.2 * (mu if s >= 0 else -mu)
     to = (12.3 - p) / 0.3 if valve == 0 else -p / 0.1 if valve == 2 else 0.0
     rise = p - fall + w + 0.005 * to
-    if s + n > 1.5 or (s + n > 0.9 and a > 3):
-        new = 2
-    else:
-        new = 0 if s + n < 0.9 and a <= 0.5 else 1
+    filled = s + n < 0.9 and a <= 0.5
+    new = 2 if s + n > 1.5 or (s + n > 0.9 and a > 3) else 0 if filled else 1
     return s + 0.01 * rise, p + 0.01 * to, a + 0.25 * (rise - a), new
 
 

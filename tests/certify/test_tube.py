@@ -95,7 +95,8 @@ def test_altered_tubes_fail():
     check_tube(sampled, bounds, good)
     smaller = [[str(F(z) * F(9, 10)) for z in box] for box in good["boxes"]]
     ends = good["ends"]
-    for name, value in (("boxes", smaller), ("ends", [*ends[:-1], ends[-1] + 400]), ("A", good["A"][1:]),
+    longer = [*ends[:-1], ends[-1] + 400]
+    for name, value in (("boxes", smaller), ("ends", longer), ("A", good["A"][1:]),
                         ("ends", [0, *ends[2:], 101]), ("boxes", good["boxes"][::-1]),
                         ("rest", [str(Fraction(1, 10))] * 6), ("sizes", [0] * 6)):  # fmt: skip
         bad = copy.deepcopy(good)
