@@ -12,15 +12,14 @@ import numpy as np
 from slipctl.certify.entries import DoesNotHold, read_mapping
 from slipctl.certify.mode_cells import (
     Grid,
-    Growth,
     ModeLoop,
     Reach,
-    Work,
     check_cells,
     dyadic,
     read_cells,
     read_grid,
 )
+from slipctl.certify.mode_growth import Growth, Work
 from slipctl.certify.mode_runs import Runs, worst_runs
 from slipctl.certify.sums import NoProof
 

@@ -38,8 +38,8 @@ from slipctl.certify.promise import (
     rounded_up,
 )
 from slipctl.certify.sums import NoProof
-from slipctl.certify.tick_code import TickCode
-from slipctl.certify.tick_source import code_of_tick, with_constants
+from slipctl.certify.tick_code import TickCode, with_constants
+from slipctl.certify.tick_source import code_of_tick
 from slipctl.errors import BadInput
 
 Bound = str | tuple[str, str]
