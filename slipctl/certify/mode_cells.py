@@ -292,7 +292,7 @@ def _joined(a: Any, b: Any) -> Any:
     return type(a)(np.concatenate([a.low, b.low]), np.concatenate([a.high, b.high]))
 
 
-def expanded(low: np.ndarray, high: np.ndarray, count: Sequence[int]) -> np.ndarray:
+def places_in_ranges(low: np.ndarray, high: np.ndarray, count: Sequence[int]) -> np.ndarray:
     """Places of all cells from the first to the last one along each axis, by row."""
     span = high - low + 1
     many = span.prod(axis=1)

@@ -14,8 +14,8 @@ from slipctl.certify.mode_cells import (
     Cells,
     Grid,
     ModeLoop,
-    expanded,
     images_of,
+    places_in_ranges,
 )
 from slipctl.certify.mode_images import Images
 from slipctl.certify.sums import NoProof
@@ -90,7 +90,9 @@ class Growth:
             to = self.cells.mode_numbers(found.modes, True)
             for n in np.unique(to):
                 mine = to == n
-                new = self.cells.add(int(n), expanded(low[mine], high[mine], self.grid.count))
+                new = self.cells.add(
+                    int(n), places_in_ranges(low[mine], high[mine], self.grid.count)
+                )
                 if new.size:
                     pending.append((int(n), new))
         return self.cells
@@ -144,7 +146,7 @@ class Growth:
         low, high, out = self.grid.touched(boxes)
         if out.any():
             raise NoProof("the start lies outside of the grid")
-        return [(number, self.cells.add(number, expanded(low, high, self.grid.count)))]
+        return [(number, self.cells.add(number, places_in_ranges(low, high, self.grid.count)))]
 
     def _entered(self, reals: np.ndarray, modes: np.ndarray) -> list[tuple[int, np.ndarray]]:
         """Cells that runs come to."""

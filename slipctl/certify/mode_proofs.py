@@ -175,6 +175,6 @@ def run_ticks(loop: ModeLoop) -> int:
     return 500 * min(loop.stride, 4)
 
 
-def simulated(loop: ModeLoop) -> Runs:
+def runs_of_loop(loop: ModeLoop) -> Runs:
     """Runs of a loop."""
     return worst_runs(loop, run_ticks(loop))

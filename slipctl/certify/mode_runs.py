@@ -160,7 +160,7 @@ def run_entries(starts: np.ndarray, signs: np.ndarray) -> dict[str, Any]:
     return {"start": [int(s) for s in starts], "pushes": found}
 
 
-def replayed(
+def replay_run(
     loop: ModeLoop, given: Mapping[str, Any], state: str, low: Fraction | None,
     high: Fraction | None,
 ) -> tuple[int, Fraction]:  # fmt: skip

@@ -24,9 +24,9 @@ from slipctl.certify.mode_proofs import (
     Bounds,
     check_evidence,
     find_cells,
-    simulated,
+    runs_of_loop,
 )
-from slipctl.certify.mode_runs import Runs, replayed, run_entries
+from slipctl.certify.mode_runs import Runs, replay_run, run_entries
 from slipctl.certify.promise import (
     Criterion,
     Entries,
@@ -114,7 +114,7 @@ class Question:
         key = (loop.code.steps, loop.start, tuple(loop.push.items()), loop.stride)
         if key not in self._seen:
             self._seen.clear()
-            self._seen[key] = simulated(loop)
+            self._seen[key] = runs_of_loop(loop)
         return self._seen[key]
 
     def find(self, n: Numbers) -> Entries | None:
@@ -177,7 +177,7 @@ class Question:
         """
         entry = read_mapping(given, ("start", "pushes"), "run", True)
         stay = self.stays[state]
-        ticks, value = replayed(self.loop(n), entry, state, None, Fraction(n[stay.high]))
+        ticks, value = replay_run(self.loop(n), entry, state, None, Fraction(n[stay.high]))
         return (f"{stay.words or state} comes to {number_text(value, stay.unit, 4)} after {ticks}"
                 " ticks")  # fmt: skip
 

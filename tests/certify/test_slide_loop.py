@@ -10,7 +10,7 @@ import pytest
 from slipctl.certify import catalogue, proofs
 from slipctl.certify.entries import DoesNotHold
 from slipctl.certify.mode_runs import worst_runs
-from slipctl.certify.promise import REFUTED, exact_numbers
+from slipctl.certify.promise import CERTIFIED, REFUTED, exact_numbers
 from slipctl.errors import BadInput
 from slipctl.study import resolve
 from slipctl.study.request import Request
@@ -114,3 +114,14 @@ def test_its_mode_is_a_mode_and_its_slip_is_that_of_the_brake(tmp_path):
     far = worst_runs(loop, 600).worst["s", 1][0]
     assert 0.9 < far < 5
     assert proofs.decide(system, numbers).verdict == REFUTED
+
+
+@pytest.mark.second
+def test_a_machine_of_a_vehicle_file_is_certified_near_its_worst_run(tmp_path):
+    """At most 1.45 times what runs come to; the file is checked without the vehicle too."""
+    system, numbers = system_of(tmp_path, 1, "slip = '2.2 m/s'")
+    payload = json.loads(json.dumps(proofs.write(system, numbers)))
+    assert payload["verdict"] == CERTIFIED
+    far = worst_runs(system.loop.build(numbers), 1000).worst["s", 1][0]
+    assert 2.2 / 1.45 < far < 2.2
+    proofs.check(catalogue.OF_LOOPS["slide_loop"], payload)
