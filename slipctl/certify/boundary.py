@@ -63,8 +63,8 @@ def farthest(
         system: the system. numbers: all others, and perhaps a value to begin at.
         name: number that is varied.
         up: the largest; else the smallest.
-        share: step between two values at which the search ends, over the value; 1 %, and 4 % for a
-            loop that is asked as it runs, of which each verdict takes seconds.
+        share: step between two values at which the search ends, over the value. It is 1 %,
+            and 4 % for a loop that is asked as it runs, whose verdicts take seconds.
 
     Raises:
         BadInput: the system has no such number, or one that may be negative.

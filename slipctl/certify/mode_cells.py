@@ -3,8 +3,8 @@
 The set begins with the cells that hold the start, and grows by the images of its cells until it
 has them all. What simulated runs visit is put in first: it has to be in any such set, and
 saves rounds. Of the search nothing has to be believed. ``check`` takes the set of a file, and finds
-every image of every cell in it: in whole numbers where the set is small, in floats that are rounded
-outwards where it is large.
+every image of every cell in it. A small set is checked in whole numbers, a large one in floats that
+are rounded outwards.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """System ``slide_loop``: a controller with modes as it runs, behind its brake, on the rail.
 
 As ``axle_loop`` does for smooth controllers: the tick is that of the controller's own block and of
-a short axle, made by who asks (a vehicle file), and the proof holds it, so that ``check`` needs no
+a short axle, made by who asks (a vehicle file). The proof holds it, so that ``check`` needs no
 vehicle. The height of the adhesion curve may change in any way from tick to tick.
 """
 

@@ -9,7 +9,7 @@ with h_i(s) the half-width of what row i adds in the stretch of tick s, and c_(t
 the path of the middles. No generator is ever put together with others, so nothing is lost but
 what the remainders are wider than they need be. No decay is asked for.
 
-The check is in whole numbers. One rounding a tick and row is at most 2^-bits, and grows by at most
+The check is in whole numbers. One rounding a tick and row is at most 2^-bits. It grows by at most
 the largest row sum of A in each tick, so that enough bits bound all of it.
 """
 
@@ -219,7 +219,7 @@ def _paths(
     """Half-widths and middles by tick and state, in whole numbers of so many bits.
 
     Every rounding is at most one unit a tick and row, and grows at most by the largest row sum of
-    A, so all of it is below ``slack``, which is added to each value that is used.
+    A. All of it is below ``slack``, which is added to each value that is used.
 
     Raises:
         DoesNotHold: the numbers would be too long.

@@ -87,7 +87,7 @@ def _here(tmp_path, monkeypatch):
 
 
 def test_a_machine_that_never_vents_locks_the_wheel_and_the_run_replays(tmp_path):
-    """Without the vehicle too: the file holds the tick. Another push or tick is no counterexample."""
+    """Without the vehicle too: the file holds the tick. Another start is no counterexample."""
     system, numbers = system_of(tmp_path, 0.5, "push = '0.1 m/s^2'")
     assert float(numbers["band"]) == 10
     payload = proofs.write(system, numbers)

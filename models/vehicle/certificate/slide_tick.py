@@ -6,8 +6,8 @@ vehicle, with its valve; the axle is
     s' = (r/J) T - h D(s) - a + w
 
 over the tick, with the torque that stands at its begin. h is the height of the adhesion curve, w a
-push, both anew in each tick. A command that waits for a dead time is not kept tick by tick: it is
-what it is now, and off by at most what the command changes within that time. That is confirmed
+push, both anew in each tick. A command that waits for a dead time is not kept tick by tick. It is
+taken as it is now, and off by at most what it changes within that time. That change is confirmed
 over all that is reached.
 """
 
