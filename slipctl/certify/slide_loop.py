@@ -161,6 +161,8 @@ def read_loop(given: Any, n: Numbers) -> ModeLoop:
             for k, e in read_mapping(entry["kept"], ("rate",), "loop.kept").items()}  # fmt: skip
     push = push_ranges(n)
     ticks = -(-Fraction(n["dead"]) // Fraction(n["T"]))
+    if ticks and (entry["late"] is None or n["noise"]):
+        raise DoesNotHold("loop.late: a dead time, without what a command changes in it")
     if entry["late"] is not None:
         push[LATE] = _range(entry["late"], "loop.late")
         low, high = kept.get("rate", (Fraction(0), Fraction(0)))
@@ -185,7 +187,8 @@ def _range(given: Any, where: str) -> tuple[Fraction, Fraction]:
 
 def _start(n: Numbers) -> str:
     speed, demand = number_text(n["v"], "m/s", 6), number_text(n["demand"], "N m", 6)
-    return (f"the start of braking without slip and without pressure, at a speed of {speed} that"
+    stands = " under a command that has stood for the dead time" if n["dead"] else ""
+    return (f"the start of braking without slip and without pressure{stands}, at a speed of {speed} that"
             f" does not change and a demand of {demand}")  # fmt: skip
 
 

@@ -79,6 +79,10 @@ class SlideTick(AxleTick):
                         tuple(int(starts[k]) for k in whole), push, (SLIP,), stride)  # fmt: skip
         if not ticks:
             return loop
+        hears = {name.rpartition(".")[2] for name in self.law.inputs} & {"F", "D"}
+        if n["noise"] or hears:  # both are anew in each tick, and move the command at once
+            raise NoProof("a dead time is not asked together with noise, or with a law that hears"
+                          " F or D")  # fmt: skip
         if len(reals) > MOST_REALS:
             raise NoProof(f"it has {len(reals)} states that are real numbers ({', '.join(reals)}),"
                           f" and a dead time; cells take {MOST_REALS} beside modes")  # fmt: skip
