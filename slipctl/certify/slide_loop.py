@@ -188,8 +188,10 @@ def _range(given: Any, where: str) -> tuple[Fraction, Fraction]:
 def _start(n: Numbers) -> str:
     speed, demand = number_text(n["v"], "m/s", 6), number_text(n["demand"], "N m", 6)
     stands = " under a command that has stood for the dead time" if n["dead"] else ""
-    return (f"the start of braking without slip and without pressure{stands}, at a speed of {speed} that"
-            f" does not change and a demand of {demand}")  # fmt: skip
+    return (
+        f"the start of braking without slip and without pressure{stands}, at a speed of {speed}"
+        f" that does not change and a demand of {demand}"
+    )
 
 
 def slide_system(
