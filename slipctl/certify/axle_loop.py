@@ -8,7 +8,7 @@ file does. That it is the tick of the vehicle is the word of who made the file.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
@@ -36,6 +36,7 @@ from slipctl.certify.promise import (
 from slipctl.certify.sampled_loop import Cell, SampledLoop
 from slipctl.certify.sums import Bounds, NoProof, check_cell, find_cell
 from slipctl.certify.tick_code import read_code
+from slipctl.certify.tube import check_tube, find_tube
 from slipctl.errors import BadInput
 
 SLIP = "s"
@@ -62,6 +63,10 @@ NUMBERS = {
     "dead": Number("s", "dead time of the actuator", 0.0, "not negative", role=INPUT,
                    says="a dead time of {}", absent="a dead time"),
     "T": Number("s", "sample period", role=INPUT, says="a tick of {}"),
+    "off": Number("m/s", "how far the slip may be off its rest at the start", 0.0, "not negative",
+                  role=INPUT, says="a slip that begins off its rest by {} at most"),
+    "time": Number("s", "time for which is asked; else for ever", optional=True, role=INPUT,
+                   says="the first {}"),
     "v": Number("m/s", "speed of the vehicle"),
     "least": Number("1", "least height of the adhesion curve over that of the file"),
     "most": Number("1", "largest height of the adhesion curve over that of the file"),
@@ -99,14 +104,23 @@ class LoopQuestion:
 
     build: Build | None
     why: list[str]
+    _seen: dict[Any, tuple[Entries | None, list[str]]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     def criteria(self, numbers: Numbers) -> dict[str, Criterion]:
         """The proof by sums."""
         covers = tuple(k for k, n in NUMBERS.items() if n.role == INPUT)
-        return {"sums": Criterion(
+        found = {"sums": Criterion(
             "what each tick adds, summed up", proves=("stays", "stays_in_band"), covers=covers,
             evidence=Evidence(self._find, self._check), margins=(),
         )}  # fmt: skip
+        if not numbers.get("time"):
+            return found
+        return {"tube": Criterion(
+            "what each tick adds within the time, summed up", proves=("stays", "stays_in_band"),
+            covers=covers, evidence=Evidence(self._find_tube, self._check_tube),
+        ), **found}  # fmt: skip
 
     def refuters(self) -> dict[str, Refuter]:
         """Runs that leave the band."""
@@ -114,9 +128,46 @@ class LoopQuestion:
 
     def _bounds(self, loop: SampledLoop, n: Numbers) -> Bounds:
         push = tuple(Fraction(n.get(PUSHES[p], 0)) for p in loop.pushes)
-        return Bounds(push, (Fraction(0),) * len(loop.states))
+        off = Fraction(n.get("off", 0))
+        return Bounds(push, tuple(off if s == SLIP else Fraction(0) for s in loop.states))
 
-    def _find(self, n: Numbers) -> Entries | None:
+    @staticmethod
+    def _ticks(n: Numbers) -> int:
+        """Ticks of the time that is asked, rounded up."""
+        return -int(-Fraction(n["time"]) // Fraction(n["T"]))
+
+    def _find_tube(self, n: Numbers) -> Entries | None:
+        ticks = self._ticks(n)
+
+        def found(loop: SampledLoop, cell: Cell, bounds: Bounds) -> Any:
+            return find_tube(loop, cell, bounds, ticks)
+
+        return self._find(n, found, self._check_tube)
+
+    def _check_tube(self, n: Numbers, given: Entries) -> None:
+        def checked(*asked: Any) -> tuple[Cell, list[Fraction]]:
+            cell, far, ticks = check_tube(*asked)
+            if ticks < self._ticks(n):
+                raise DoesNotHold("evidence: its tube ends before the time that is asked")
+            return cell, far
+
+        self._check(n, given, checked)
+
+    def _find(
+        self, n: Numbers, find: Callable[..., Any] = find_cell,
+        check: Callable[[Numbers, Entries], None] | None = None,
+    ) -> Entries | None:  # fmt: skip
+        key = (check is None, tuple(sorted(n.items())))
+        if key not in self._seen:  # an answer and its file ask the same
+            found = self._searched(n, find, check or self._check)
+            self._seen.clear()
+            self._seen[key] = found, list(self.why)
+        found, self.why[:] = self._seen[key]
+        return found
+
+    def _searched(
+        self, n: Numbers, find: Callable[..., Any], check: Callable[[Numbers, Entries], None]
+    ) -> Entries | None:
         if self.build is None:
             raise BadInput("axle_loop is asked with a vehicle: slipctl certify FILE.toml:LOOP")
         self.why.clear()
@@ -124,16 +175,17 @@ class LoopQuestion:
             built = self.build(n)
             bounds, cells = self._bounds(built.loop, n), []
             for part in self._parts(n):
-                entry, box = find_cell(built.loop, built.rest((part,)), bounds)
-                if "band" in n and box[built.loop.states.index(SLIP)] > float(n["band"]):
-                    raise NoProof(f"the box that is proved reaches to {box[0]:.4g} m/s")
-                cells.append(entry)
+                entry, box = find(built.loop, built.rest((part,)), bounds)
+                slip = built.loop.states.index(SLIP)
+                if "band" in n and box[slip] > float(n["band"]):
+                    raise NoProof(f"the box that is proved reaches to {box[slip]:.4g} m/s")
+                cells.append(entry | {"far": str(Fraction(float(box[slip]) * (1 + 1e-9)))})
         except NoProof as error:
             self.why.append(str(error))
             return None
         found = {**_payload(built.loop), "cells": cells}
         try:
-            self._check(n, found)
+            check(n, found)
         except DoesNotHold as error:
             self.why.append(str(error))
             return None
@@ -146,7 +198,9 @@ class LoopQuestion:
         ends = [low + (high - low) * k / many for k in range(many + 1)]
         return list(pairwise(ends))
 
-    def _check(self, n: Numbers, given: Entries) -> None:
+    def _check(
+        self, n: Numbers, given: Entries, check: Callable[..., tuple[Cell, Any]] = check_cell
+    ) -> None:
         entry = read_mapping(given, ("tick", "states", "pushes", "slow", "cells"), "evidence", True)
         loop = _read_loop(entry)
         if self.build is not None and _payload(self.build(n).loop) != _payload(loop):
@@ -155,11 +209,14 @@ class LoopQuestion:
         cells = rows(entry["cells"], "evidence.cells", 1000)
         at = Fraction(n["least"])
         for one in cells:
-            cell, box = check_cell(loop, bounds, one)
+            told = read_mapping(one, (*one, "far"), "evidence.cells", True)
+            cell, box = check(loop, bounds, {k: v for k, v in told.items() if k != "far"})
             if cell.slow[0][0] > at:
                 raise DoesNotHold("evidence: its cells leave out a height of the curve")
             at = max(at, cell.slow[0][1])
             slip = loop.states.index(SLIP)
+            if box[slip] > rational(told["far"], "evidence.far"):
+                raise DoesNotHold("evidence: the slip is not shown to stay as near as it says")
             if cell.rest[slip] != Fraction(n["goal"]) or cell.moves[0][slip]:
                 raise DoesNotHold("evidence: it speaks of another rest")
             if "band" in n and box[slip] > n["band"]:
@@ -176,8 +233,9 @@ class LoopQuestion:
         try:
             for part in (n["least"], n["most"]):
                 found = worst_run(
-                    built, Fraction(part), self._bounds(built.loop, n), float(n["band"])
-                )
+                    built, Fraction(part), self._bounds(built.loop, n), float(n["band"]),
+                    self._ticks(n) if n.get("time") else MOST_RUN,
+                )  # fmt: skip
                 if found is not None:
                     return {**_payload(built.loop), **found}
         except NoProof:
@@ -207,6 +265,8 @@ class LoopQuestion:
             raise DoesNotHold("run: it starts at another rest")
         bounds = self._bounds(loop, n)
         signs = rows(entry["signs"], "run.signs", MOST_RUN)
+        if n.get("time") and len(signs) > self._ticks(n):
+            raise DoesNotHold("run: it is longer than the time that is asked")
         for sign in signs:
             if sign not in (-1, 0, 1):
                 raise DoesNotHold("run: a push is larger than was asked")
@@ -246,7 +306,9 @@ def _read_loop(entry: Mapping[str, Any]) -> SampledLoop:
     return SampledLoop(code, states, pushes, slow)
 
 
-def worst_run(built: Built, height: Fraction, bounds: Bounds, band: float) -> dict[str, Any] | None:
+def worst_run(
+    built: Built, height: Fraction, bounds: Bounds, band: float, longest: int = MOST_RUN
+) -> dict[str, Any] | None:
     """A run from rest that leaves a band: pushes that the linear loop sums up, tried in floats.
 
     Raises:
@@ -280,7 +342,7 @@ def worst_run(built: Built, height: Fraction, bounds: Bounds, band: float) -> di
         moved = step([x + off * (k == j) for k, x in enumerate(rest)], 0.0)
         A[:, j] = (np.array(moved) - still) / off
     now, gains = (np.array(columns[0]) - still), []
-    for _ in range(MOST_RUN):
+    for _ in range(min(MOST_RUN, longest)):
         gains.append(now[slip])
         now = A @ now
         if not np.isfinite(now).all() or abs(now[slip]) > 1e30:
@@ -310,8 +372,7 @@ def _peak(n: Numbers, proof: Entries) -> str:
     if not cells:
         near = number_text(n["band"], "m/s", 4) if "band" in n else "a number that is proved"
         return f"the slip stays within {near} of {goal} at every tick"
-    slip = proof["evidence"]["states"].index(SLIP)
-    most = max(rational(c["box"][slip], "evidence.box") for c in cells)
+    most = max(rational(c["far"], "evidence.far") for c in cells)
     asked = f", asked were {number_text(n['band'], 'm/s', 4)}" if "band" in n else ""
     return (f"the slip stays within {number_text(rounded_up(most, 4), 'm/s', 4)} of {goal} at every"
             f" tick{asked}, and no limit, gate or anti-windup acts")  # fmt: skip

@@ -13,6 +13,7 @@ from slipctl import certify as package
 from slipctl.certify import systems
 from slipctl.certify.axle_loop import axle_system
 from slipctl.certify.registry import SYSTEMS
+from slipctl.certify.slide_loop import slide_system
 from slipctl.certify.systems import Report, System
 from slipctl.errors import BadInput, nearest
 
@@ -31,7 +32,7 @@ def system(name: str) -> System:
     return SYSTEMS[name]
 
 
-OF_LOOPS: dict[str, System] = {"axle_loop": axle_system(None)}
+OF_LOOPS: dict[str, System] = {"axle_loop": axle_system(None), "slide_loop": slide_system(None)}
 """Systems that are made of a loop; a certificate of one holds the tick of that loop."""
 
 

@@ -36,24 +36,33 @@ class Boxes:
         a, b = _below(low), -_below(-high)
         return cls(np.full(many, a), np.full(many, b))
 
+    @classmethod
+    def of_ends(cls, low: np.ndarray, high: np.ndarray) -> Boxes:
+        """Boxes of arrays of finite floats, which are taken as they are."""
+        return cls(low, high)
+
     def number(self, value: Exact) -> Boxes:
         """A number as boxes of this many."""
         number = Fraction(exact(value))
         return Boxes.around(number, number, self.low.size)
+
+    def take(self, rows: Any) -> Boxes:
+        """Boxes of some rows."""
+        return Boxes(self.low[rows], self.high[rows])
 
     def _as(self, other: Boxes | Exact) -> Boxes:
         return other if isinstance(other, Boxes) else self.number(other)
 
     def __add__(self, other: Boxes | Exact) -> Boxes:
         o = self._as(other)
-        return _outwards(self.low + o.low, self.high + o.high)
+        return Boxes(_sum_below(self.low, o.low), -_sum_below(-self.high, -o.high))
 
     def __neg__(self) -> Boxes:
         return Boxes(-self.high, -self.low)
 
     def __sub__(self, other: Boxes | Exact) -> Boxes:
         o = self._as(other)
-        return _outwards(self.low - o.high, self.high - o.low)
+        return Boxes(_sum_below(self.low, -o.high), -_sum_below(-self.high, o.low))
 
     def __rsub__(self, other: Exact) -> Boxes:
         return self._as(other) - self
@@ -68,7 +77,7 @@ class Boxes:
         if np.isnan(low).any():  # zero times infinity is zero
             ends = [_product(a, b) for a in (self.low, self.high) for b in (o.low, o.high)]
             low, high = np.minimum.reduce(ends), np.maximum.reduce(ends)
-        return _outwards(low, high)
+        return _outwards_unless(_exact_factor(self) | _exact_factor(o), low, high)
 
     __radd__, __rmul__ = __add__, __mul__
 
@@ -144,6 +153,10 @@ class Boxes:
         o = self._as(other)
         return Boxes(np.minimum(self.low, o.low), np.maximum(self.high, o.high))
 
+    def meet(self, other: Boxes) -> Boxes:
+        """What two enclosures of the same have in common."""
+        return Boxes(np.maximum(self.low, other.low), np.minimum(self.high, other.high))
+
     def less(self, other: Boxes | Exact) -> Boxes:
         """Whether self < other: 0, 1 or, where that is open, both."""
         o = self._as(other)
@@ -176,18 +189,75 @@ class Boxes:
         said = self.low != 0
         return bool(said[0]) if said.all() or not said.any() else None
 
+    def open_rows(self) -> np.ndarray:
+        """Rows that hold more than one number."""
+        return np.flatnonzero(self.low != self.high)
+
+    def cells(self, size: Fraction) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers of the first and the last cell that hold each box; cell k is [k, k + 1] size.
+
+        Args:
+            size: whole number below 128 times a power of two, so that ends of cells are exact.
+
+        Raises:
+            ArithmeticError: a box has no end near.
+        """
+        wide, far = float(size), float(2**40)
+        if not (self.low.min(initial=0) > -far * wide and self.high.max(initial=0) < far * wide):
+            raise ArithmeticError("nothing bounds it")
+        first, last = np.floor(self.low / wide), np.ceil(self.high / wide) - 1
+        first = np.where(first * wide > self.low, first - 1, first)
+        last = np.where((last + 1) * wide < self.high, last + 1, last)
+        return first.astype(np.int64), np.maximum(first, last).astype(np.int64)
+
+    def whole(self) -> np.ndarray:
+        """The whole number that each box is about.
+
+        Raises:
+            ArithmeticError: one is about none.
+        """
+        near = np.rint(self.low)
+        if not ((self.low > near - 0.25) & (self.high < near + 0.25)).all():
+            raise ArithmeticError("a mode is no whole number")
+        return near.astype(np.int64)
+
     def touches_zero(self) -> bool:
         """Whether a box holds zero or what is below."""
         return bool((self.low <= 0).any())
 
 
+def _down(values: np.ndarray, units: int = 1) -> np.ndarray:
+    """No more than what was rounded to these floats, each wrong by so many units at most.
+
+    A unit in the last place of x is at most 2^-52 |x|; half a unit more is taken for the rounding
+    here. ``nextafter`` is 25 times slower.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        return values - (np.abs(values) * ((units + 0.5) * 2.0**-52) + units * 5e-324)
+
+
 def _outwards(low: np.ndarray, high: np.ndarray, units: int = 1) -> Boxes:
-    if units == 1:
-        return Boxes(np.nextafter(low, -np.inf), np.nextafter(high, np.inf))
-    with np.errstate(invalid="ignore"):
-        below = np.where(np.isfinite(low), low - units * np.spacing(np.abs(low)), low)
-        above = np.where(np.isfinite(high), high + units * np.spacing(np.abs(high)), high)
-    return Boxes(below, above)
+    return Boxes(_down(low, units), -_down(-high, units))
+
+
+def _sum_below(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Sum of floats rounded down: its error is a float too (Knuth), and exact sums stay."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        total = a + b
+        part = total - a
+        lost = (a - (total - part)) + (b - part)
+        return np.where(lost >= 0, total, _down(total))
+
+
+def _exact_factor(values: Boxes) -> np.ndarray:
+    """Where both ends are one and the same of 0, 1 and -1, so that products by them are exact."""
+    return (values.low == values.high) & ((values.low == 0) | (np.abs(values.low) == 1))
+
+
+def _outwards_unless(exact: np.ndarray, low: np.ndarray, high: np.ndarray) -> Boxes:
+    if not exact.any():
+        return _outwards(low, high)
+    return Boxes(np.where(exact, low, _down(low)), np.where(exact, high, -_down(-high)))
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -357,6 +357,8 @@ def _of_casadi(writer: CodeWriter, op: int, a: Sequence[int]) -> int:
             return writer.power(a[0], int(power))
         if power == Fraction(1, 2):
             return writer.add("sqrt", a[0])
+        if power is not None and power.denominator > 1:
+            return writer.add("exp", writer.add("mul", a[1], writer.add("ln", a[0])))
     raise BadInput(
         f"the operation {_NAMES.get(op, op)} cannot be enclosed; known are + - * /, whole powers,"
         " sqrt, exp, log, fabs, sign, fmin, fmax and conditions"
@@ -425,3 +427,42 @@ class CodeWriter:
                     (operation, *(args if operation == "const" else (to[i] for i in args)))
                 )
         return TickCode(self.inputs, tuple(steps), {n: to[i] for n, i in outputs.items()})
+
+
+def folded_constant(writer: CodeWriter, operation: str, at: Sequence[int]) -> int:
+    """Operation whose constants are worked out as rationals."""
+    known = [writer.constant(i) for i in at]
+    if operation == "choose" and known[0] is not None:
+        return at[1] if known[0] else at[2]
+    if None in known:
+        return writer.add(operation, *at)
+    a, b, c = ([k for k in known if k is not None] + [Fraction(0)] * 2)[:3]
+    if operation == "div" and b == 0:
+        raise ZeroDivisionError("the tick divides by zero")
+    found: Any = {
+        "add": lambda: a + b, "sub": lambda: a - b, "mul": lambda: a * b, "div": lambda: a / b,
+        "neg": lambda: -a, "abs": lambda: abs(a), "sq": lambda: a * a, "min": lambda: min(a, b),
+        "max": lambda: max(a, b), "less": lambda: a < b, "less_equal": lambda: a <= b,
+        "equal": lambda: a == b, "choose": lambda: b if a else c,
+    }.get(operation)  # fmt: skip
+    return writer.add(operation, *at) if found is None else writer.const(Fraction(found()))
+
+
+def with_constants(code: TickCode, values: Mapping[str, Fraction]) -> TickCode:
+    """The tick with numbers in the place of some of its inputs, what follows from them worked out.
+
+    Args:
+        code: the tick. values: numbers by the name of the input.
+    """
+    left = [name for name in code.inputs if name not in values]
+    writer = CodeWriter(left)
+    at = [left.index(n) if n in left else writer.const(values[n]) for n in code.inputs]
+    for operation, *args in code.steps:
+        if operation == "const":
+            at.append(writer.const(args[0]))
+            continue
+        try:
+            at.append(folded_constant(writer, operation, [at[i] for i in args]))
+        except ZeroDivisionError:  # perhaps on a way that is never taken
+            at.append(writer.add(operation, *(at[i] for i in args)))
+    return writer.code({name: at[i] for name, i in code.outputs.items()})

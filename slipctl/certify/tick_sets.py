@@ -31,6 +31,7 @@ from slipctl.certify.sampled_loop import Cell, SampledLoop
 from slipctl.certify.sums import Bounds, NoProof, check_cell, find_cell
 from slipctl.certify.tick_code import TickCode
 from slipctl.certify.tick_source import clip, code_of_tick, exp, if_else, root, sgn
+from slipctl.certify.tube import check_tube, find_tube
 from slipctl.errors import BadInput
 
 __all__ = ["Loop", "clip", "exp", "if_else", "root", "sgn"]
@@ -62,18 +63,21 @@ class Loop:
         start: by state the number that bounds it at the start, |x| <= it.
         pushed: by what pushes the number that bounds it in each tick.
         stays: by state the number that it never has to exceed, |x| <= it.
+        within: number of ticks for which that is asked; without it, it is asked for ever.
     """
 
     tick: Callable[[Numbers, Values, Values], Values]
     start: Mapping[str, str]
     pushed: Mapping[str, str]
     stays: Mapping[str, str]
+    within: str = ""
     _codes: dict[tuple[str, ...], TickCode] = field(default_factory=dict, repr=False, compare=False)
 
     def targets(self) -> dict[str, Target]:
         """Clauses of its promise, one for each state that has to stay."""
+        when = f" in the first {{{self.within}}} ticks" if self.within else ""
         return {
-            f"{x}_stays": Target(f"|{x}| never exceeds {{{bound}}}", (bound,))
+            f"{x}_stays": Target(f"|{x}| never exceeds {{{bound}}}{when}", (bound,))
             for x, bound in self.stays.items()
         }
 
@@ -97,7 +101,12 @@ class Loop:
         """What proves its clauses."""
         evidence = Evidence(lambda n: _find(self, n), lambda n, e: _check(self, n, e))
         summed = Evidence(lambda n: _find_sums(self, n), lambda n, e: _check_sums(self, n, e))
-        return {"sums": Criterion(
+        tube = Evidence(lambda n: _find_tube(self, n), lambda n, e: _check_tube(self, n, e))
+        first = {"tube": Criterion(
+            "what each tick adds within the time, summed up", proves=tuple(self.targets()),
+            covers=self._covered(numbers), evidence=tube,
+        )} if self.within else {}  # fmt: skip
+        return {**first, "sums": Criterion(
             "what each tick adds, summed up", proves=tuple(self.targets()),
             covers=self._covered(numbers), evidence=summed,
         ), "cells": Criterion(
@@ -123,8 +132,23 @@ class Loop:
         used = self.code(numbers).depends()
         return (
             *(n for d, n in self.pushed.items() if f"d_{d}" in used), *self.start.values(),
-            *(n for n in numbers if f"n_{n}" in used),
+            *(n for n in numbers if f"n_{n}" in used), *((self.within,) if self.within else ()),
         )  # fmt: skip
+
+    def ticks(self, n: Numbers, otherwise: int) -> int:
+        """Ticks for which is asked.
+
+        Raises:
+            BadInput: they are no whole number.
+        """
+        if not self.within:
+            return otherwise
+        many = Fraction(n[self.within])
+        if many.denominator != 1 or many < 1:
+            raise BadInput(
+                f"{self.within} = {float(many):g} ticks must be a whole number from 1 on"
+            )
+        return min(int(many), otherwise)
 
     def refuters(self) -> dict[str, Refuter]:
         """What refutes them."""
@@ -292,6 +316,29 @@ def _check_sums(loop: Loop, n: Numbers, given: Entries) -> None:
             raise DoesNotHold(f"evidence: {state} is not shown to stay")
 
 
+def _find_tube(loop: Loop, n: Numbers) -> Entries | None:
+    """A proof for a finite time, of a loop that is smooth about 0."""
+    if any(bound not in n for bound in loop.stays.values()):
+        return None
+    sampled, cell, bounds = loop.sampled(n)
+    try:
+        entry, _ = find_tube(sampled, cell, bounds, loop.ticks(n, 10**9))
+        _check_tube(loop, n, entry)
+    except (NoProof, DoesNotHold, ArithmeticError, np.linalg.LinAlgError):
+        return None
+    return entry
+
+
+def _check_tube(loop: Loop, n: Numbers, given: Entries) -> None:
+    sampled, cell, bounds = loop.sampled(n)
+    found, far, ticks = check_tube(sampled, bounds, given)
+    if found != cell or ticks != loop.ticks(n, 10**9):
+        raise DoesNotHold("evidence: it speaks of other numbers, or of another time")
+    for state, z in zip(loop.start, far, strict=True):
+        if state in loop.stays and z > n[loop.stays[state]]:
+            raise DoesNotHold(f"evidence: {state} is not shown to stay")
+
+
 # ---- runs ---------------------------------------------------------------------------------------
 
 
@@ -364,7 +411,8 @@ def _summed_run(loop: Loop, n: Numbers, state: str, limit: float) -> Entries | N
         by_start.append(np.sign(row).astype(int).tolist())
         if np.abs(row).max() > FAR:
             break
-    for ticks in (50, 200, 700, len(by_push)):
+    most = loop.ticks(n, MOST_TICKS)
+    for ticks in sorted({min(k, most) for k in (50, 200, 700, most, len(by_push))}):
         signs = [dict(zip(pushes, s, strict=True)) for s in reversed(by_push[:ticks])]
         for turn in (1, -1):
             begin = by_start[min(ticks, len(by_start)) - 1] if by_start else [0] * len(names)
@@ -391,7 +439,7 @@ def _find_run(loop: Loop, n: Numbers, state: str) -> Entries | None:
         return summed
     for seed in range(60):
         kept: list[dict[str, int]] = []
-        for states in _run(loop, n, seed, 400, state, kept):
+        for states in _run(loop, n, seed, loop.ticks(n, 400), state, kept):
             if not abs(states[state]) <= limit:
                 start = {x: str(s * n[loop.start[x]]) for x, s in kept[0].items()}
                 pushed = [{d: str(s * n[loop.pushed[d]]) for d, s in p.items()} for p in kept[1:]]
@@ -403,7 +451,7 @@ def _find_run(loop: Loop, n: Numbers, state: str) -> Entries | None:
 
 def _replay(loop: Loop, n: Numbers, given: Entries, state: str) -> str:
     entry = read_mapping(given, ("start", "pushed"), "run", True)
-    pushed = rows(entry["pushed"], "run.pushed", MOST_TICKS)
+    pushed = rows(entry["pushed"], "run.pushed", loop.ticks(n, MOST_TICKS))
     digits = 2 * DIGITS + len(pushed) // 4  # an interval widens from tick to tick
     states = _read(entry["start"], loop.start, n, "run.start", digits)
     code = loop.code(n)

@@ -22,7 +22,7 @@ from fractions import Fraction
 from typing import Any, NoReturn
 
 from slipctl.certify.decimal_intervals import Interval, exact
-from slipctl.certify.tick_code import CodeWriter, TickCode
+from slipctl.certify.tick_code import CodeWriter, TickCode, folded_constant
 from slipctl.errors import BadInput
 
 MOST_PATHS = 256
@@ -183,23 +183,6 @@ class Symbol:
 
     def __getattr__(self, name: str) -> NoReturn:
         self._session.refuse(f"the attribute {name} of a number")
-
-
-def folded_constant(writer: CodeWriter, operation: str, at: Sequence[int]) -> int:
-    """Operation whose constants are worked out as rationals."""
-    known = [writer.constant(i) for i in at]
-    if None in known:
-        return writer.add(operation, *at)
-    a, b, c = ([k for k in known if k is not None] + [Fraction(0)] * 2)[:3]
-    if operation == "div" and b == 0:
-        raise ZeroDivisionError("the tick divides by zero")
-    found: Any = {
-        "add": lambda: a + b, "sub": lambda: a - b, "mul": lambda: a * b, "div": lambda: a / b,
-        "neg": lambda: -a, "abs": lambda: abs(a), "sq": lambda: a * a, "min": lambda: min(a, b),
-        "max": lambda: max(a, b), "less": lambda: a < b, "less_equal": lambda: a <= b,
-        "equal": lambda: a == b, "choose": lambda: b if a else c,
-    }.get(operation)  # fmt: skip
-    return writer.add(operation, *at) if found is None else writer.const(Fraction(found()))
 
 
 # ---- functions for a tick: they take floats, intervals, and what a tick is read with ------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from adversary import common, user_ticks
+from adversary import common, smooth_loops, switched_ticks, user_ticks
 
 pytestmark = pytest.mark.second
 
@@ -27,3 +27,20 @@ def test_no_tick_of_a_person_is_certified_falsely():
     assert not found.false_certified
     assert not found.false_refuted
     assert min(found.certified, found.refuted, len(found.undecided_cases)) > 20
+
+
+def test_no_state_machine_is_certified_falsely():
+    """40 random machines behind a plant; 10 000 by ``adversary/run.py cells``."""
+    found = switched_ticks.trial(40, seed=0)
+    assert not found.false_certified
+    assert not found.false_refuted
+    assert min(found.certified, found.refuted) > 8
+
+
+@pytest.mark.parametrize("trial", [smooth_loops.trial, smooth_loops.trial_of_tubes])
+def test_no_sum_and_no_tube_is_false_and_less_is_never_harder(trial):
+    """15 random loops each; 10 000 by ``adversary/run.py sums tube``."""
+    found = trial(15, seed=0)
+    assert not found.false_certified
+    assert not found.false_refuted
+    assert min(found.certified, found.refuted) > 1

@@ -16,10 +16,13 @@ import numpy as np
 from slipctl import Block, Gains
 from slipctl.analysis.bounds import enclosure
 from slipctl.certify.axle_loop import axle_system
+from slipctl.certify.mode_cells import ModeLoop
+from slipctl.certify.slide_loop import slide_system
 from slipctl.certify.systems import System
 from slipctl.models.vehicle.certificate import gains as bounds
 from slipctl.models.vehicle.certificate.axle_tick import AxleTick, gain_of, loop_law, short_curve
 from slipctl.models.vehicle.certificate.own_gains import why_not
+from slipctl.models.vehicle.certificate.slide_tick import SlideTick
 from slipctl.models.vehicle.control import slip_law, wheel
 from slipctl.models.vehicle.parts import Constant, Controller, Lag, OwnLaw, SlipLaw, Trip
 from slipctl.models.vehicle.trip import rail_law
@@ -41,15 +44,31 @@ def is_asked(trip: Trip, part: Controller) -> bool:
     return isinstance(part, SlipLaw) and part.kind in KINDS
 
 
+def has_modes(trip: Trip, part: SlipLaw | OwnLaw) -> bool:
+    """Whether a controller jumps: it has states that are whole numbers, or goes to no set slip.
+
+    A slide protection asks where the slip is, and has no rest that a smooth loop has.
+    """
+    if not isinstance(part, OwnLaw):
+        return False
+    block, _ = slip_law(trip, part, wheel(trip, part.reference))
+    if any(s.unit == "enum" for s in block.states.values()):
+        return True
+    return bool(block.states) and not {"v_best", "D", "F"} & {
+        n.rpartition(".")[2] for n in block.inputs
+    }
+
+
 def gains(trip: Trip) -> tuple[Gains, ...]:
     """Certificates of the controllers of a trip that are asked as they run."""
     found: list[Gains] = []
     for name, part in trip.controllers.items():
         if isinstance(part, SlipLaw | OwnLaw) and is_asked(trip, part):
-            some = [_Asked(trip, part, rail) for rail in _rails(trip, part)]
+            kind = _AskedModes if has_modes(trip, part) else _Asked
+            some = [kind(trip, part, rail) for rail in _rails(trip, part)]
             for one in some:
                 own = name if len(some) == 1 else f"{name}_{one.rail}"
-                found.append(Gains(own, name, "axle_loop", one.numbers, one.words(), "",
+                found.append(Gains(own, name, one.asked_as, one.numbers, one.words(), "",
                                    trip.title, made=one.system))  # fmt: skip
     return tuple(found)
 
@@ -72,6 +91,8 @@ def _rails(trip: Trip, part: SlipLaw | OwnLaw) -> list[str]:
 
 class _Asked:
     """One certificate: a controller on one rail."""
+
+    asked_as = "axle_loop"
 
     def __init__(self, trip: Trip, part: SlipLaw | OwnLaw, rail: str) -> None:
         self.trip, self.part, self.rail = trip, part, rail
@@ -163,8 +184,9 @@ class _Asked:
             "force": assumed.error * force if hears_force(law) else 0.0,
             "lag": lag, "dead": act.dead_time, "T": float(loop.period or 0.001),
             "v": self.over.speed, "least": least, "most": most, "goal": self.goal,
-            "band": assumed.tube * self.goal,
+            "band": assumed.tube * self.goal, "off": assumed.off,
         }  # fmt: skip
+        found |= {"time": assumed.time} if assumed.time is not None else {}
         return found | ({"K": float(np.max(law.param_values()[gain]))} if gain else {})
 
     def _others(self, n: Mapping[str, float]) -> float:
@@ -198,6 +220,52 @@ class _Asked:
         if other:
             rows.append(f"not over its {', '.join(other)}")
         return "; ".join(rows)
+
+
+class _AskedModes(_Asked):
+    """One certificate of a controller with modes, on one rail."""
+
+    asked_as = "slide_loop"
+
+    def numbers(self, loop: Block) -> dict[str, float]:
+        """Numbers of a ``slide_loop``."""
+        n, assumed = bounds._wheel(loop), self.trip.certify
+        least, most = self._heights(n)
+        now = loop.values_by_place()
+        top = float(np.max(now.get("ctl.apply.T_max", self.trip.actuator.torque)))
+        return {
+            "W": assumed.push + self._others(n) * most, "noise": assumed.noise,
+            "dead": self.trip.actuator.dead_time, "T": float(loop.period or 0.001),
+            "least": least, "most": most, "v": self.over.speed,
+            "demand": min(self._demand(n), top),
+            "band": self.over.speed if assumed.slip is None else assumed.slip,
+        }  # fmt: skip
+
+    def system(self, loop: Block) -> System:
+        """System of the loop."""
+        n = bounds._wheel(loop)
+        steady, _ = bounds._resistance(self.trip, self.over.speed, n["m"], 0.0)
+        given = self._given(**n)
+        tick = SlideTick(self.trip, self.part, loop, self.falls, given, self.goal, steady)
+        made: dict[tuple[object, ...], object] = {}
+
+        def build(numbers: Mapping[str, object]) -> ModeLoop:
+            key = tuple(numbers.get(k) for k in ("T", "dead", "v", "demand", "W", "noise", "least",
+                                                 "most"))  # fmt: skip
+            if key not in made:
+                made[key] = tick.loop(numbers)
+            return made[key]  # type: ignore[return-value]
+
+        return slide_system(build)
+
+    def words(self) -> str:
+        """Where the bounds are from."""
+        asked = (
+            ""
+            if self.trip.certify.slip is not None
+            else ("; asked is that no wheel locks, [certify] slip asks for less")
+        )
+        return super().words().replace("; a valve taken as the slower of its lags", "") + asked
 
 
 def hears_force(law: Block) -> bool:

@@ -57,6 +57,7 @@ class AxleTick:
         self.law = loop_law(trip, part, loop)
         self.lead = float(np.max(now.get("ctl.apply.lead", 1.0)))
         self.T_max = float(np.max(now.get("ctl.apply.T_max", trip.actuator.torque)))
+        self.T_demand = self.T_max
         self.made: dict[tuple[Any, ...], Built] = {}
 
     def build(self, n: Mapping[str, Any]) -> Built:
@@ -144,7 +145,7 @@ class AxleTick:
         after, y = f(kept, control.pack("input", u), control.pack("param", p))
         wanted = control.unpack("output", y)["T_wanted"]
         g = applied.f.expand()
-        ports = {"T_wanted": wanted, "T_demand": ca.SX(self.T_max), "T": T_b, "on": ca.SX(1),
+        ports = {"T_wanted": wanted, "T_demand": ca.SX(self.T_demand), "T": T_b, "on": ca.SX(1),
                  "v": ca.SX(v)}  # fmt: skip
         own = applied.with_params(T_max=self.T_max, lead=self.lead)
         limits = {k: ca.SX(float(x)) for k, x in own.param_values().items()}
@@ -195,7 +196,10 @@ class _Rest:
         ((low, high),) = slow
         middle = float((low + high) / 2)
         x, J = self._newton(middle)
-        moved = np.linalg.solve(np.eye(self.many) - J[:, : self.many], J[:, -1])
+        try:
+            moved = np.linalg.solve(np.eye(self.many) - J[:, : self.many], J[:, -1])
+        except np.linalg.LinAlgError:
+            raise NoProof("at rest a state stays wherever it is, so there is no one rest") from None
         moved[np.abs(moved) < 1e-9 * np.abs(x).max()] = 0.0
         rest = [Fraction(v) for v in x.tolist()]
         rest[0] = Fraction(self.goal)

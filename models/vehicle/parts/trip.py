@@ -95,6 +95,12 @@ class Assumed(Part):
                          " other axles do", lo=0, hi=100)  # fmt: skip
     noise: float = number("m/s", 0.0, "largest noise of the slip that a controller sees", lo=0,
                           hi=10)  # fmt: skip
+    off: float = number("m/s", 0.0, "how far the slip may be off its rest at the start", lo=0,
+                        hi=10)  # fmt: skip
+    time: float | None = number("s", None, "for which a controller that runs is asked; not told:"
+                                " for ever", lo=1e-3, hi=10)  # fmt: skip
+    slip: float | None = number("m/s", None, "slip that a slide protection never lets be exceeded;"
+                                " not told: that of a locked wheel", lo=1e-3, hi=150)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

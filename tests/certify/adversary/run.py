@@ -20,12 +20,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # --jobs says how many cores
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.append(str(Path(__file__).parents[3]))
 
-from adversary import common, user_ticks
+from adversary import common, smooth_loops, switched_ticks, user_ticks
 
 BLOCK = 100
 """Cases of one trial."""
 
-OTHERS = {"user_ticks": user_ticks.trial}
+OTHERS = {
+    "user_ticks": user_ticks.trial, "cells": switched_ticks.trial, "sums": smooth_loops.trial,
+    "tube": smooth_loops.trial_of_tubes,
+}  # fmt: skip
 """Trials that are of no system with numbers of its own."""
 
 
