@@ -132,6 +132,10 @@ class Desk:
             raise BadInput(f"there is no file {path}; slipctl new metro {path} writes one")
         return Path(path).read_text(encoding="utf-8-sig")
 
+    def saved(self) -> str | None:
+        """Text of the file as it lies there; None of a study of the library."""
+        return None if self.text is None else self._read(self.home)
+
     def _first(self) -> tuple[str, str]:
         """Loop to begin with: the first that has a certificate or a controller."""
         found = self.loops()

@@ -123,10 +123,10 @@ def _curve(
     except (BadInput, RunFailed) as error:
         return found | {"why": str(error)}
     inside = peak.method != "bound"
-    step = float(at[1])
+    _, slope, fixed = objective_functions(law.name, law, [slip], out, given)
     return found | {
         "peak_at": peak.location if inside else None, "peak": peak.value if inside else None,
-        "slope": (float(heights[1]) - float(heights[0])) / step,
+        "slope": float(slope(0.0, fixed)[0]),
     }  # fmt: skip
 
 

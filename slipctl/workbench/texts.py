@@ -191,9 +191,10 @@ def _gains(kind: str) -> list[dict[str, str]]:
     """Gains of a law of the papers, which stand beside the declared keys."""
     law = trip_files.vehicle_files().law_of_kind(kind)
     return [
-        {"insert": f"{s.name} = ", "meaning": f"{' '.join(s.doc.split())} [{s.unit}]"}
+        {"insert": f"{s.name.rpartition('.')[2]} = ",
+         "meaning": f"{' '.join(s.doc.split())} [{s.unit}]"}
         for s in (law[1] if law else [])
-    ]
+    ]  # fmt: skip
 
 
 # ---- edits that keep comments --------------------------------------------------------------------
