@@ -31,6 +31,9 @@ from slipctl.workbench.texts import completions, faults_of_text, with_value
 EVERY = 0.08
 """Seconds from one part of a curve to the next, while a run goes on."""
 
+DEAR = 8.0
+"""A part is told when so many times as long has passed as the last one took to tell."""
+
 Request = Mapping[str, Any]
 Head = dict[str, Any]
 
@@ -130,38 +133,44 @@ class Answers:
         yield {"end": True, "text": with_value(text, tuple(keys), value)}
 
     def run(self, request: Request) -> Iterator[bytes | Head]:
-        """Curves of a run while it rolls, then its metrics, then its doubts in words."""
+        """Curves of a run while it rolls, then its metrics."""
         rig = self._rig(request)
         numbers = self._moved(request, rig)
         who = {"kind": "run", "id": request.get("id", 0), "loop": rig.name}
         begun = time.perf_counter()
-        rolled = None
+        rolled, compiled = None, False
         while rolled is None:
-            compiled = rig.compiled
-            shown, number = 0.0, 0
-            measured = rig.measured
-            for share, so_far in measured.prepared.pieces(numbers, doubt=True):
-                if rig.compiled and not compiled:
-                    break  # begin anew, compiled: the same bits, much sooner
+            compiled, measured, next_one = rig.compiled, rig.measured, 0.0
+            for share, so_far in measured.prepared.pieces(numbers):
                 now = time.perf_counter()
                 if share >= 1.0:
                     rolled = so_far()
-                elif now - shown >= EVERY:
-                    shown, number = now, number + 1
+                elif rig.compiled and not compiled:
+                    break  # begin anew, compiled: the same bits, much sooner
+                elif now >= next_one:
                     seen = measured.seen(so_far())
                     yield frame({**who, "share": share, "compiled": compiled},
                                 curves_of_run(seen), 400)  # fmt: skip
+                    after = time.perf_counter()
+                    next_one = after + max(EVERY, DEAR * (after - now))
                 else:
                     yield b""  # a newer question may overtake here
-            else:
-                rolled = rolled if rolled is not None else so_far()
         seen = measured.seen(rolled)
         spent = time.perf_counter() - begun
         yield frame({**who, "share": 1.0, "compiled": compiled, "seconds": spent},
                     curves_of_run(seen))  # fmt: skip
-        yield {"metrics": metric_rows(measured.metrics(rolled), rig.study.limits),
+        yield {"end": True, "metrics": metric_rows(measured.metrics(rolled), rig.study.limits),
                "command": command_of(self.desk, numbers, rig.sliders)}  # fmt: skip
-        yield {"end": True, "warnings": warnings_of_rig(rig, rolled)}
+
+    def doubts(self, request: Request) -> Iterator[bytes | Head]:
+        """What gives reason to doubt the run, in words; it is rolled again and watched."""
+        rig = self._rig(request).wait()
+        numbers = self._moved(request, rig)
+        so_far = None
+        for _, so_far in rig.measured.prepared.pieces(numbers, doubt=True):
+            yield b""
+        assert so_far is not None  # a run has a tick
+        yield {"end": True, "warnings": warnings_of_rig(rig, so_far())}
 
     def law(self, request: Request) -> Iterator[Head]:
         """The adhesion law of what is open, or one that was typed: equations and curve."""
@@ -187,14 +196,14 @@ class Answers:
         gains = gains_by_name(rig, str(request.get("name") or ""))
         yield {"end": True, "verdict": verdict_of_gains(rig, gains, self._moved(request, rig))}
 
-    def region(self, request: Request) -> Iterator[Head]:
+    def region(self, request: Request) -> Iterator[Head | bytes]:
         """Where two gains are certified, refuted or undecided, row by row."""
         rig = self._rig(request)
         gains = gains_by_name(rig, str(request.get("name") or ""))
         axes = request.get("axes")
         pair = tuple(map(str, axes)) if isinstance(axes, list) and len(axes) == 2 else None
         for row in region_rows(rig, gains, self._moved(request, rig), pair):  # type: ignore[arg-type]
-            yield {"region": row}
+            yield {"region": row} if row else b""
         yield {"end": True}
 
     def effects(self, request: Request) -> Iterator[Head]:
@@ -275,10 +284,10 @@ def fault_lines(error: BaseException) -> list[str]:
 
 KINDS: dict[str, Callable[[Answers, Request], Iterator[Any]]] = {
     name: getattr(Answers, name)
-    for name in ("text", "complete", "edit", "run", "model", "law", "block", "verdict", "save",
+    for name in ("text", "complete", "edit", "run", "model", "law", "block", "save", "verdict", "doubts",
                  "region", "effects", "draws", "c", "report")
 }  # fmt: skip
 """Questions, the more urgent ones first."""
 
-LONG = ("region", "effects", "draws", "c", "report")
-"""Questions that go to a process of their own, so that a run need not wait for them."""
+LONG = ("verdict", "doubts", "region", "effects", "draws", "c", "report")
+"""Questions that go to a second process, so that a run need not wait for them."""

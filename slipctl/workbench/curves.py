@@ -107,7 +107,7 @@ def _pairs(run: Run) -> Iterator[Panel]:
         for role, what, looks in rows:
             values = run.each(role)
             if values is not None:
-                signed = values * (run.slip_sign if name == "slip" else 1)
+                signed = values * (run.slip_sign if name == "slip" else _side(role, values))
                 many = values.shape[1] > 1
                 made = _columns(signed, scale, what, looks)
                 panel.series.extend(
@@ -117,9 +117,16 @@ def _pairs(run: Run) -> Iterator[Panel]:
         yield panel
 
 
+def _side(role: str, values: np.ndarray) -> int:
+    """-1 for an adhesion that a model counts negative in braking: its best one is beside it."""
+    return -1 if "adhesion" in role and float(np.nansum(values)) < 0 else 1
+
+
 def _way(run: Run) -> Panel | None:
     way = run.travelled
-    return None if way is None else Panel("distance", "m", [Series("way", 0, "main", way)])
+    if way is None:
+        return None
+    return Panel("distance", "m", [Series("way", 0, "main", way[: len(run.time)])])
 
 
 # ---- thinned, and as bytes -----------------------------------------------------------------------

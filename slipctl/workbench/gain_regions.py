@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from slipctl.study.declaration import Gains
     from slipctl.workbench.desk import Rig
 
-POINTS = 15
+POINTS = 11
 """Of a region, each way."""
 
 AROUND = 5.0
@@ -101,8 +101,11 @@ def region_rows(
         names: of the certificate's numbers along x and y; by default the first two that the law
             has. points: each way.
 
+    The bounds of each point are those that its loop has: a map of ``slipctl certify --map`` keeps
+    those of the design point.
+
     Yields:
-        Axes first, then each row of verdicts and margins.
+        Axes first, then each row of verdicts and margins; nothing between, after each point.
 
     Raises:
         BadInput: the law has not two such numbers.
@@ -127,7 +130,18 @@ def region_rows(
               "values": ys, "value": given[axes[1].name]},
     }  # fmt: skip
     for row, y in enumerate(ys):
-        found = [
-            maps.point_verdict(system, {**given, axes[0].name: x, axes[1].name: y}) for x in xs
-        ]
+        found = []
+        for x in xs:
+            at = {axes[0].name: x, axes[1].name: y}
+            found.append(_point(rig, gains, {**numbers, **{movable[n]: v for n, v in at.items()}}))
+            yield {}
         yield {"row": row, "verdicts": [v for v, _ in found], "margins": [m for _, m in found]}
+
+
+def _point(rig: Rig, gains: Gains, numbers: Mapping[str, float]) -> tuple[str, float]:
+    """Verdict and margin of the loop with these numbers: its bounds may depend on them too."""
+    try:
+        system, given = _numbers(gains, rig.loop.with_params(**numbers))
+    except BadInput:
+        return "", 0.0
+    return maps.point_verdict(system, given)

@@ -6,7 +6,7 @@ export function at(id) {
 }
 
 /** New element with properties and children; nothing of it is read as HTML.
- * @param {string} tag @param {Object<string, any>} [given] @param {...any} children */
+ * @param {string} tag @param {Object<string, any>} [given] @param {...any} children @returns {any} */
 export function make(tag, given = {}, ...children) {
   const made = document.createElement(tag);
   for (const [name, value] of Object.entries(given)) {
@@ -62,4 +62,10 @@ export function colours() {
 }
 
 /** Colours of axles, which people who do not see red and green can tell apart. */
-export const HUES = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7A5195", "#8C8C8C"];
+const BRIGHT = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7A5195", "#8C8C8C"];
+const DARK = ["#56B4E9", "#FF9A57", "#3FD3A5", "#E9A3CB", "#A9D8F7", "#F2C14E", "#B79AD1", "#B8B8B8"];
+
+/** Colour of a number, on the page as it is. @param {number} k */
+export function hue(k) {
+  return (colours().dark ? DARK : BRIGHT)[k % BRIGHT.length];
+}

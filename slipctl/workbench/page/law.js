@@ -1,6 +1,6 @@
 // The adhesion law: curve, peak, slope, how far it was measured, equations; and parts of the loop.
 
-import { HUES, at, colours, equations, fill, make, short, unitOf } from "./dom.js";
+import { at, colours, equations, fill, hue, make, short, unitOf } from "./dom.js";
 
 /** @type {any} */
 let plot = null;
@@ -14,7 +14,7 @@ export function showLaw(law) {
   const peaks = (/** @type {any} */ u) => {
     for (const [k, c] of law.curves.entries()) {
       if (c.peak_at === null || c.peak_at === undefined) continue;
-      u.ctx.fillStyle = HUES[k % HUES.length];
+      u.ctx.fillStyle = hue(k);
       u.ctx.beginPath();
       u.ctx.arc(u.valToPos(c.peak_at, "x", true), u.valToPos(c.peak, "y", true), 4 * devicePixelRatio, 0, 7);
       u.ctx.fill();
@@ -34,14 +34,14 @@ export function showLaw(law) {
     width: at("left").clientWidth - 24, height: 190, legend: { show: false },
     scales: { x: { time: false } },
     axes: [{ ...axis, label: `slip ${law.slip}${law.unit === "1" ? "" : ` [${law.unit}]`}`, labelSize: 16, size: 26 }, { ...axis, size: 44 }],
-    series: [{}, ...law.curves.map((/** @type {any} */ _, /** @type {number} */ k) => ({ stroke: HUES[k % HUES.length], width: 1.5, points: { show: false } }))],
+    series: [{}, ...law.curves.map((/** @type {any} */ _, /** @type {number} */ k) => ({ stroke: hue(k), width: 1.5, points: { show: false } }))],
     hooks: { draw: [peaks] },
   }, [law.curves[0].x, ...law.curves.map((/** @type {any} */ c) => c.y)], at("law-plot"));
   fill(at("law-words"), make("b", {}, law.name), ` ${law.doc}`,
     make("table", {}, make("thead", {}, make("tr", {}, ...["rail", "peak", "at", "slope at no slip"].map((t) => make("th", {}, t)))),
       ...law.curves.map((/** @type {any} */ c, /** @type {number} */ k) => {
         const name = make("th", {}, c.name || law.name);
-        name.style.color = HUES[k % HUES.length];
+        name.style.color = hue(k);
         return make("tr", {}, name, make("td", { className: "n" }, c.why ?? short(c.peak)),
           make("td", { className: "n" }, c.peak_at === null ? "no peak here" : short(c.peak_at) + unitOf(law.unit)),
           make("td", { className: "n" }, short(c.slope)));

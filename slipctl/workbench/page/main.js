@@ -64,9 +64,12 @@ function changed(now, why) {
 }
 
 function run() {
-  plots.push();
-  before = metrics ?? before;
+  if (state.fresh) {  // what a slider passes is no run to compare with
+    plots.push();
+    before = metrics ?? before;
+  }
   begun = performance.now();
+  delete at("state").dataset.first;
   talk.ask("run", about());
   region.place(state.now.numbers);
   clearTimeout(run.rest);
@@ -75,8 +78,9 @@ function run() {
 /** @type {any} */
 run.rest = 0;
 
-/** What may wait until nothing moves: the verdict. */
+/** What may wait until nothing moves: doubts and the verdict. */
 function rest() {
+  talk.ask("doubts", about());
   if (model?.certificates.names.length) talk.ask("verdict", { ...about(), name: at("gains").value });
 }
 
@@ -85,7 +89,7 @@ function askRegion() {
   if (model?.certificates.names.length) talk.ask("region", { ...about(), name: at("gains").value });
 }
 
-talk.onstate = (text) => { if (text) tell(text); else if (!model) talk.ask("model"); };
+talk.onstate = (/** @type {string} */ text) => { if (text) tell(text); else if (!model) talk.ask("model"); };
 
 talk.on("model", (head) => {
   if (head.faults) {
@@ -138,6 +142,7 @@ talk.on("run", (head, columns) => {
     plots.show(curves, head.share);
     track.show(curves);
     const spent = performance.now() - begun;
+    at("state").dataset.first ??= String(spent);
     at("state").dataset.spent = String(spent);
     at("state").dataset.run = `${head.id} ${head.share}`;
     tell(`${head.share < 1 ? `${Math.round(100 * head.share)} % of the run` : `run in ${Math.round(spent)} ms`}${head.compiled ? "" : ", interpreted while it compiles"}`);
@@ -145,8 +150,6 @@ talk.on("run", (head, columns) => {
     metrics = head.metrics;
     command = head.command;
     showMetrics(head.metrics, before, pinned);
-  } else if (head.warnings) {
-    showWarnings(head.warnings);
     at("state").dataset.done = String(head.id);
   }
 });
@@ -157,6 +160,7 @@ talk.on("text", (head) => {
   tell(found.length ? `the file has ${found.length} fault${found.length > 1 ? "s" : ""}` : "the file is right");
   if (!found.length && state.now.text !== model.text) talk.ask("model", { text: state.now.text, loop: state.now.loop, scenario: state.now.scenario });
 });
+talk.on("doubts", (head) => showWarnings(head.warnings ?? []));
 talk.on("complete", (head) => editor.offer(head.found ?? [], head.line));
 talk.on("edit", (head) => {
   if (head.faults) { fill(at("law-faults"), ...head.faults.map((/** @type {string} */ t) => make("li", {}, t))); return; }

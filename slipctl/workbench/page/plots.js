@@ -1,10 +1,11 @@
 // Curves of runs: the one that goes on in front, the last one and pinned ones behind it.
 
-import { HUES, at, colours, fill, make, short, unitOf } from "./dom.js";
+import { at, colours, fill, hue, make, short, unitOf } from "./dom.js";
 
 /** @typedef {{time: Float32Array, panels: any[], rails: [number, string][], name: string}} Curves */
 
-const HIGH = 104;
+const HIGH = 80;
+const AXIS = 20;
 const DASHES = { best: [6, 3], wanted: [2, 2], main: [], axle: [] };
 
 /** Curves of a frame. @param {any} head @param {Float32Array[]} columns @returns {Curves} */
@@ -70,11 +71,11 @@ export class Plots {
   build(curves) {
     for (const plot of this.plots) plot.destroy();
     fill(at("plots"));
-    this.plots = curves.panels.map((p, k) => this.panel(p, k));
+    this.plots = curves.panels.map((p, k) => this.panel(p, k, k + 1 === curves.panels.length));
   }
 
-  /** @param {any} panel @param {number} k */
-  panel(panel, k) {
+  /** @param {any} panel @param {number} k @param {boolean} last */
+  panel(panel, k, last) {
     const { ink, soft, line } = colours();
     const series = this.chosen(panel);
     const keys = series.filter((/** @type {any} */ s, /** @type {number} */ n) =>
@@ -89,10 +90,10 @@ export class Plots {
     at("plots").append(box);
     const axis = { stroke: soft, grid: { stroke: line, width: 0.6 }, ticks: { stroke: line, width: 0.6 }, font: "11px system-ui" };
     const plot = new /** @type {any} */ (window).uPlot({
-      width: Math.max(at("plots").clientWidth, 100), height: HIGH, legend: { show: false },
+      width: Math.max(at("plots").clientWidth, 100), height: HIGH + (last ? AXIS : 0), legend: { show: false },
       cursor: { sync: { key: "time" }, drag: { x: true, y: false, setScale: false }, points: { size: 5 } },
       scales: { x: { time: false, auto: false }, y: { range: (/** @type {any} */ _, /** @type {number} */ lo, /** @type {number} */ hi) => this.range(k, lo, hi) } },
-      axes: [{ ...axis, size: 22, show: true }, { ...axis, size: 48 }],
+      axes: [{ ...axis, size: last ? AXIS : 0, ticks: { show: false }, values: last ? undefined : () => [] }, { ...axis, size: 48, space: 22 }], padding: [4, 8, 0, 0],
       series: [{}, ...series.map((/** @type {any} */ s) => ({ stroke: this.hue(s), dash: DASHES[/** @type {"main"} */ (s.looks)] || [],
         width: s.looks === "axle" ? 1.1 : 1.5, points: { show: false } }))],
       hooks: {
@@ -109,8 +110,8 @@ export class Plots {
   /** @param {any} s */
   hue(s) {
     const { ink, soft } = colours();
-    if (s.looks === "axle") return HUES[(s.axle - 1) % HUES.length];
-    return s.looks === "best" ? ink : s.looks === "wanted" ? soft : HUES[0];
+    if (s.looks === "axle") return hue(s.axle - 1);
+    return s.looks === "best" ? ink : s.looks === "wanted" ? soft : hue(0);
   }
 
   /** Range of values with those of the runs behind. @param {number} k @param {number} lo @param {number} hi */
@@ -152,7 +153,7 @@ export class Plots {
     this.ghosts().forEach((run, n) => {
       const panel = run.panels[k];
       if (!panel || panel.name !== this.now?.panels[k].name) return;
-      u.ctx.strokeStyle = run === this.before ? ghost : HUES[3 + (n % 5)];
+      u.ctx.strokeStyle = run === this.before ? ghost : hue(3 + (n % 5));
       u.ctx.lineWidth = devicePixelRatio;
       for (const s of this.chosen(panel)) {
         if (s.looks === "best" || s.looks === "wanted") continue;
@@ -209,7 +210,7 @@ export class Plots {
 
   resize() {
     const width = at("plots").clientWidth;
-    if (width > 50) for (const plot of this.plots) plot.setSize({ width, height: HIGH });
+    if (width > 50) this.plots.forEach((plot, k) => plot.setSize({ width, height: HIGH + (k + 1 === this.plots.length ? AXIS : 0) }));
   }
 
   /** The run in front becomes the one behind. */

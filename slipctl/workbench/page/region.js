@@ -16,6 +16,10 @@ export class Region {
   constructor(dragged) {
     this.dragged = dragged;
     this.canvas = at("region");
+    /** @type {any} */
+    this.axes = null;
+    /** @type {any[]} */
+    this.rows = [];
     this.clear();
     this.canvas.addEventListener("pointerdown", (/** @type {PointerEvent} */ e) => {
       this.canvas.setPointerCapture(e.pointerId);
@@ -27,9 +31,7 @@ export class Region {
   }
 
   clear() {
-    /** @type {any} */
     this.axes = null;
-    /** @type {any[]} */
     this.rows = [];
     at("region-box").hidden = true;
   }

@@ -24,6 +24,8 @@ export class Sliders {
     this.moved = moved;
     /** @type {any[]} */
     this.list = [];
+    /** @type {Object<string, number>} */
+    this.numbers = {};
     /** @type {Map<string, any>} */
     this.rows = new Map();
     at("find").addEventListener("input", () => this.show());

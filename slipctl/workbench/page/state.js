@@ -15,6 +15,8 @@ export class State {
     /** @type {Now[]} */
     this.future = [];
     this.stamp = 0;
+    /** Whether the last change began anew, and did not go on with the one before. */
+    this.fresh = true;
     this.key = "";
   }
 
@@ -35,7 +37,8 @@ export class State {
   /** Change something; what goes on within a second is one step. @param {Partial<Now>} by @param {string} why */
   set(by, why) {
     const time = Date.now();
-    if (why !== this.why || time - this.stamp > 1000) {
+    this.fresh = why !== this.why || time - this.stamp > 1000;
+    if (this.fresh) {
       this.past.push(this.now);
       if (this.past.length > MOST) this.past.shift();
     }
@@ -62,6 +65,7 @@ export class State {
     to.push(this.now);
     this.now = other;
     this.why = "";
+    this.fresh = true;
     this.keep();
     this.changed(this.now, "step");
   }
