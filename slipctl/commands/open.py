@@ -30,13 +30,24 @@ def answer(options: argparse.Namespace, command: str) -> int:
     for file in allowed:
         if not Path(file).is_file():
             raise BadInput(f"there is no file {file}")
-    home = Request.read(name).home if not name.endswith(".py") else name
-    if not home:
-        raise BadInput(f"{name} is no vehicle's file, study or loop; see slipctl list")
+    asked = Request.read(name)
+    if not asked.home:
+        asked.needs_loop()
     left = name.rpartition(":")[0] or name
     folder = Path(left).parent if left.endswith((".toml", ".py")) else Path()
     opening = Opening(name, str(folder.resolve()), tuple(allowed), not options.no_compile)
     server = Server(opening, options.port or 0)
+    try:  # while a first process begins to read it
+        if asked.loop:
+            _ = asked.declared
+        elif not asked.home.endswith(".toml"):  # a file with faults is opened, to mend it
+            _ = asked.study
+        elif not Path(asked.home).is_file():
+            raise BadInput(f"there is no file {asked.home}; slipctl new metro {asked.home} writes"
+                           " one")  # fmt: skip
+    except BadInput:
+        server.windows.close()
+        raise
     print(server.address, flush=True)
     log.info("%s is open on this machine alone; Ctrl-C ends it", name)
     if not options.no_browser:

@@ -90,17 +90,20 @@ class Answers:
     # ---- the questions --------------------------------------------------------------------------
 
     def model(self, request: Request) -> Iterator[Head]:
-        """What is open: loops, sliders, limits, certificates, equations of the law."""
-        desk = self.desk
-        text = self._text(request)
-        study = desk.study(text)
-        loops = desk.loops(text)
+        """What is open: loops, sliders, limits, certificates; of a faulty file its text alone."""
+        desk, text = self.desk, self._text(request)
+        try:
+            study, loops = desk.study(text), desk.loops(text)
+        except BadInput:
+            yield {"end": True, "home": desk.home, "text": text, "broken": True,
+                   "found": faults_of_text(desk.home, text or "")}  # fmt: skip
+            return
         wanted = (request.get("loop"), request.get("scenario"))
+        named = [pair for pair in loops if pair[0] == desk.loop]
         if wanted in loops:
             desk.loop, desk.scenario = wanted  # type: ignore[assignment]
         elif (desk.loop, desk.scenario) not in loops:
-            named = [pair for pair in loops if pair[0] == desk.loop]
-            desk.loop, desk.scenario = (named or loops)[0]
+            desk.loop, desk.scenario = named[0] if named else desk.first_loop(text)
         rig = desk.rig(text)
         yield {
             "end": True, "home": desk.home, "title": study.title, "doc": study.doc,
@@ -166,10 +169,10 @@ class Answers:
         """What gives reason to doubt the run, in words; it is rolled again and watched."""
         rig = self._rig(request).wait()
         numbers = self._moved(request, rig)
-        so_far = None
-        for _, so_far in rig.measured.prepared.pieces(numbers, doubt=True):
+        pieces = rig.measured.prepared.pieces(numbers, doubt=True)
+        _, so_far = next(pieces)
+        for _, so_far in pieces:  # noqa: B007  the last one is the whole run
             yield b""
-        assert so_far is not None  # a run has a tick
         yield {"end": True, "warnings": warnings_of_rig(rig, so_far())}
 
     def law(self, request: Request) -> Iterator[Head]:
@@ -284,8 +287,8 @@ def fault_lines(error: BaseException) -> list[str]:
 
 KINDS: dict[str, Callable[[Answers, Request], Iterator[Any]]] = {
     name: getattr(Answers, name)
-    for name in ("text", "complete", "edit", "run", "model", "law", "block", "save", "verdict", "doubts",
-                 "region", "effects", "draws", "c", "report")
+    for name in ("text", "complete", "edit", "run", "model", "law", "block", "save",
+                 "verdict", "doubts", "region", "effects", "draws", "c", "report")
 }  # fmt: skip
 """Questions, the more urgent ones first."""
 

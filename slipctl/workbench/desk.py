@@ -125,7 +125,8 @@ class Desk:
         self._rigs: dict[tuple[str | None, str, str], Rig] = {}
         self.loop, self.scenario = asked.loop, asked.scenario
         if not self.loop:
-            self.loop, self.scenario = self._first()
+            with suppress(BadInput):  # a file with faults is opened all the same, to mend it
+                self.loop, self.scenario = self.first_loop()
 
     def _read(self, path: str) -> str:
         if not Path(path).is_file():
@@ -136,11 +137,15 @@ class Desk:
         """Text of the file as it lies there; None of a study of the library."""
         return None if self.text is None else self._read(self.home)
 
-    def _first(self) -> tuple[str, str]:
-        """Loop to begin with: the first that has a certificate or a controller."""
-        found = self.loops()
+    def first_loop(self, text: str | None = None) -> tuple[str, str]:
+        """Loop to begin with: the first that has a certificate, else a controller.
+
+        Raises:
+            BadInput, Faults: what is wrong in the text.
+        """
+        found = self.loops(text)
         names = [n for n, _ in found]
-        certain = next((g.loop for g in self.study().gains if g.loop in names), None)
+        certain = next((g.loop for g in self.study(text).gains if g.loop in names), None)
         name = certain or next((n for n in names if n != "none"), names[0])
         return next(pair for pair in found if pair[0] == name)
 

@@ -218,6 +218,7 @@ class Server:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self._socket.bind((HOST, port))
+            self._socket.listen(64)  # from now on a browser waits, and is not refused
         except (OSError, OverflowError) as error:
             self._socket.close()
             raise BadInput(f"--port {port}: {error}; leave it out for one that is free") from None

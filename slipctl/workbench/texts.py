@@ -57,7 +57,7 @@ def completions(text: str, line: int) -> list[dict[str, str]]:
     path, present = _table_at(before)
     if here.lstrip().startswith("["):
         return [{"insert": f"[{'.'.join(p)}]", "meaning": doc} for p, doc in _tables(_root(text))]
-    part, classes, kind = _part_at(_root(text), path, text)
+    part, classes, kind = _part_at(_root(text), path, _readable(text, before))
     if part is None:
         return []
     key, equals, _ = here.partition("=")
@@ -105,13 +105,12 @@ def _tables(root: Any, path: tuple[str, ...] = ()) -> list[tuple[tuple[str, ...]
     return found
 
 
-def _part_at(root: Any, path: list[str], text: str) -> tuple[Any, list[Any], str]:
+def _part_at(root: Any, path: list[str], content: Any) -> tuple[Any, list[Any], str]:
     """Part that a table is read as, all that it may be, and its kind as the text has it.
 
     The part is None where nothing is declared for the table.
     """
     part, classes, kind = root, [root], ""
-    content: Any = _readable(text)
     names = list(path)
     while names:
         key = names.pop(0)
@@ -155,12 +154,11 @@ def _is_table(kind: Any) -> bool:
     )
 
 
-def _readable(text: str) -> Mapping[str, Any]:
-    """Content of the longest beginning of a text that can be read."""
-    lines = text.split("\n")
-    for n in range(len(lines), max(len(lines) - 40, 0), -1):
+def _readable(text: str, before: list[str]) -> Mapping[str, Any]:
+    """Content of a text; of one that is no TOML, of the lines before, as far as they are."""
+    for n in (None, *range(len(before), max(len(before) - 40, -1), -1)):
         try:
-            return tomllib.loads("\n".join(lines[:n]))
+            return tomllib.loads(text if n is None else "\n".join(before[:n]))
         except (ValueError, RecursionError):
             continue
     return {}

@@ -1,4 +1,4 @@
-"""A real browser, driven over its own protocol: pages, clicks, pictures, and what it complains of."""
+"""A real browser, driven over its own protocol: pages, clicks, pictures, and its complaints."""
 
 from __future__ import annotations
 

@@ -96,13 +96,23 @@ talk.on("model", (head) => {
     tell(head.faults[0]);
     return;
   }
+  if (head.broken) {
+    fill(at("home"), head.home);
+    state.begin(head.home, { text: head.text, loop: "", scenario: "", numbers: {} });
+    state.now = { ...state.now, text: head.text };
+    editor.set(head.text);
+    editor.mark(head.found);
+    /** @type {any} */ (document.querySelector("[data-tab=text]")).click();
+    tell(`the file has ${head.found.length} fault${head.found.length > 1 ? "s" : ""}; it runs when it has none`);
+    return;
+  }
   const first = !model;
   model = head;
   document.title = `${head.home}, slipctl`;
   fill(at("home"), head.home);
   at("home").title = head.title;
   if (first) {
-    const now = state.begin(head.home, { text: head.text, loop: head.loop, scenario: head.scenario, numbers: {} });
+    const now = state.begin(head.home, { text: state.key ? state.now.text : head.text, loop: head.loop, scenario: head.scenario, numbers: {} });
     editor.set(now.text);
     if (now.text !== head.text || now.loop !== head.loop || now.scenario !== head.scenario) {
       talk.ask("model", { text: now.text, loop: now.loop, scenario: now.scenario });
@@ -158,7 +168,7 @@ talk.on("text", (head) => {
   const found = head.found ?? (head.faults ?? []).map((/** @type {string} */ text) => ({ line: 0, text }));
   editor.mark(found);
   tell(found.length ? `the file has ${found.length} fault${found.length > 1 ? "s" : ""}` : "the file is right");
-  if (!found.length && state.now.text !== model.text) talk.ask("model", { text: state.now.text, loop: state.now.loop, scenario: state.now.scenario });
+  if (!found.length && state.now.text !== model?.text) talk.ask("model", { text: state.now.text, loop: state.now.loop, scenario: state.now.scenario });
 });
 talk.on("doubts", (head) => showWarnings(head.warnings ?? []));
 talk.on("complete", (head) => editor.offer(head.found ?? [], head.line));
