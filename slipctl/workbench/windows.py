@@ -52,11 +52,11 @@ class Worker:
     """A process that answers, seen from the server.
 
     Args:
-        opening: what is open. send: gets the answers.
+        opening: what is open. send: gets the answers. limited: whether its memory is.
     """
 
-    def __init__(self, opening: Opening, send: Send) -> None:
-        self.opening, self.send = opening, send
+    def __init__(self, opening: Opening, send: Send, limited: bool = True) -> None:
+        self.opening, self.send, self.limited = opening, send, limited
         self._lock = threading.Condition()
         self._waiting: dict[str, Mapping[str, Any]] = {}
         self._step: tuple[str, float] | None = None
@@ -70,7 +70,9 @@ class Worker:
         here, there = context.Pipe()
         o = self.opening
         self._process = context.Process(
-            target=serve, args=(there, o.name, o.folder, o.files, o.compile), daemon=True
+            target=serve,
+            args=(there, o.name, o.folder, o.files, o.compile, self.limited),
+            daemon=True,
         )
         self._process.start()
         there.close()
@@ -176,7 +178,9 @@ class Window:
         """Hand on a question."""
         slow = request.get("kind") in LONG
         if slow not in self._workers:
-            self._workers[slow] = Worker(self.opening, lambda kind, data: self.send(kind, data))
+            self._workers[slow] = Worker(
+                self.opening, lambda kind, data: self.send(kind, data), limited=not slow
+            )
         self._workers[slow].ask(request)
 
     def warm(self) -> Window:

@@ -21,8 +21,9 @@ MEMORY = 8 * 2**30
 
 
 def serve(
-    pipe: Connection, name: str, folder: str, files: Sequence[str], compile: bool = True
-) -> None:
+    pipe: Connection, name: str, folder: str, files: Sequence[str], compile: bool = True,
+    limited: bool = True,
+) -> None:  # fmt: skip
     """Answer until the pipe is closed.
 
     What is sent: ``("step", kind)`` before each piece of work, ``("frame", bytes)``, ``("idle",)``.
@@ -31,9 +32,12 @@ def serve(
         pipe: questions in, answers out. name: what is open. folder: where files are written.
         files: Python files that may be imported; no others are.
         compile: compile loops where there is a compiler.
+        limited: refuse more than :data:`MEMORY`. Where C is checked it is not: a sanitizer reserves
+            addresses that it never uses.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _limit_memory()
+    if limited:
+        _limit_memory()
     gc.set_threshold(100_000, 50, 100)
     resolve.load_only(files)
     try:

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,8 @@ class Browser:
         self._numbers = itertools.count(1)
         self.complaints: list[str] = []
         self.requests: list[str] = []
-        self._socket = connect(f"ws://127.0.0.1:{port[0]}{port[1]}", max_size=None)
+        made = connect(f"ws://127.0.0.1:{port[0]}{port[1]}", max_size=None)
+        self._socket = made.__enter__()
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)[
             "sessionId"
@@ -118,8 +120,9 @@ class Browser:
         """Value of an expression as soon as it is true."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            if value := self.run(script):
-                return value
+            with suppress(RuntimeError):  # of a page that is still being loaded
+                if value := self.run(f"(v => v instanceof Node ? true : v)({script})"):
+                    return value
             time.sleep(0.05)
         raise AssertionError(f"never true: {script}; {self.run('document.body.innerText')[:1500]}")
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import shutil
 import statistics
-import time
 from pathlib import Path
 
 import pytest
@@ -26,7 +24,6 @@ pytestmark = [
 ]
 
 METRO = registry.folder("models") / "vehicle" / "files" / "metro.toml"
-RUN = "document.getElementById('state').dataset.run"
 DONE = "document.getElementById('state').dataset.done"
 
 
@@ -80,17 +77,17 @@ def test_a_slider_moves_the_curve_within_a_moment(study, pictures):
     for place in range(150, 350, 10):
         after(study, lambda place=place: slide(study, "ctl.law.K1", place))
         spent.append(float(study.run("document.getElementById('state').dataset.spent")))
-    print(
-        f"slider to curve: median {statistics.median(spent):.0f} ms, 95 % {sorted(spent)[18]:.0f}"
-    )
-    assert statistics.median(spent) < 1500  # of a loaded machine; 120 is wanted of an idle one
+    middle, late = statistics.median(spent), sorted(spent)[18]
+    print(f"slider to curve: median {middle:.0f} ms, 95 % {late:.0f} ms")
+    assert middle < 1500  # of a loaded machine; 120 is wanted of an idle one
     assert study.run("document.querySelectorAll('.panel canvas').length") == 5
     study.picture(pictures / "study.png")
 
 
 def test_a_number_out_of_range_is_told_in_words(study):
     study.run(
-        "(() => { const r = document.querySelector('input.number[aria-label=\"ctl.law.K1, number\"]');"
+        "(() => { const r = document.querySelector("
+        "'input.number[aria-label=\"ctl.law.K1, number\"]');"
         " r.value = '-5'; r.dispatchEvent(new Event('change')); })()"
     )
     assert "outside" in study.wait(
@@ -161,6 +158,7 @@ def test_the_law_and_the_blocks_are_shown(study, pictures):
 
 
 def test_state_survives_a_reload(study):
+    after(study, lambda: slide(study, "m", 250))
     before = study.run("document.querySelectorAll('.slider.moved').length")
     assert before
     study.page("Page.reload")
@@ -170,8 +168,10 @@ def test_state_survives_a_reload(study):
 
 def test_c_stands_beside_it(study, pictures):
     study.click("#c-ask")
-    study.wait("document.querySelector('#c pre.code') || document.querySelector('#c .soft')", 240)
-    assert "step" in study.run("document.getElementById('c').textContent")
+    study.wait("document.querySelector('#c pre.code') || document.querySelector('#c .soft')", 400)
+    said = study.run("document.getElementById('c').textContent")
+    assert "replayed against Python: the same" in said
+    assert "hst_braking_eppfc.c" in said
     study.picture(pictures / "c.png")
 
 
@@ -183,48 +183,46 @@ def test_the_browser_asked_nobody_else_and_did_not_complain(study):
 
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 def test_a_file_is_edited_run_and_saved(tmp_path, monkeypatch, pictures, dark):
-    shutil.copy(METRO, tmp_path / "metro.toml")
+    text = METRO.read_text(encoding="utf-8").replace('duration = "17 s"', 'duration = "1 s"')
+    text = text.replace('end = "standstill" ', "# ")
+    (tmp_path / "metro.toml").write_text(text)
     monkeypatch.chdir(tmp_path)
-    begun = time.monotonic()
-    with serving(Opening("metro.toml:pid", str(tmp_path))) as server:
+    with serving(Opening("metro.toml:pid", str(tmp_path), (), False)) as server:
         browser = Browser(dark=dark)
         try:
             browser.open(server.address)
-            browser.wait("document.querySelectorAll('.panel').length", 60)
-            print(f"first curve {time.monotonic() - begun:.1f} s after the server, browser and all")
             browser.wait(DONE, 120)
-            assert metric(browser, "stopping distance").endswith(" m")
+            assert metric(browser, "distance").endswith(" m")
             browser.picture(pictures / f"metro_{'dark' if dark else 'light'}.png")
             browser.click("[data-tab=text]")
-            browser.run(
-                "(() => { const s = document.getElementById('source');"
-                " s.value = s.value.replace('axles = 4', 'axels = 4');"
-                " s.dispatchEvent(new Event('input')); })()"
-            )
+            type_over(browser, "axles = 4", "axels = 4")
             browser.wait("document.querySelector('#faults li')")
             assert "did you mean 'axles'" in browser.run(
                 "document.getElementById('faults').textContent"
             )
             assert browser.run("document.querySelectorAll('#lines .bad').length") == 1
             browser.picture(pictures / f"faults_{'dark' if dark else 'light'}.png")
-            edit = (
-                "(() => { const s = document.getElementById('source');"
-                " s.value = s.value.replace('axels = 4', 'axles = 4').replace('\"38 t\"', '\"40 t\"');"
-                " s.dispatchEvent(new Event('input')); })()"
-            )
-            after(browser, lambda: browser.run(edit))
-            browser.run("document.getElementById('save').click()")
+            type_over(browser, "axels = 4", "axles = 4")
+            before = metric(browser, "distance")
+            after(browser, lambda: type_over(browser, '"60 km/h"', '"66 km/h"'))
+            assert metric(browser, "distance") != before
+            browser.click("#save")
             browser.wait(
-                "document.getElementById('state').textContent.includes('saved metro.toml')"
-                f" || {RUN} && !document.querySelector('#faults li')", 60)  # fmt: skip
-            end = time.monotonic() + 60
-            while (
-                '"40 t"  ' not in (tmp_path / "metro.toml").read_text() and time.monotonic() < end
-            ):
-                time.sleep(0.1)
-            text = (tmp_path / "metro.toml").read_text()
-            assert text == METRO.read_text().replace('"38 t"', '"40 t"')
+                "document.getElementById('state').textContent.includes('saved metro.toml')", 60
+            )
+            saved = (tmp_path / "metro.toml").read_text()
+            assert saved == text.replace('speed = "60 km/h"', 'speed = "66 km/h"')
             assert sorted(os.listdir(tmp_path)) == ["metro.toml"]
             assert browser.complaints == []
         finally:
             browser.close()
+
+
+def type_over(browser: Browser, old: str, new: str) -> None:
+    """Replace a word of the file, as typing does; the last place of it."""
+    browser.run(
+        "(() => { const s = document.getElementById('source');"
+        f" const k = s.value.lastIndexOf({old!r});"
+        f" s.value = s.value.slice(0, k) + {new!r} + s.value.slice(k + {len(old)});"
+        " s.dispatchEvent(new Event('input')); })()"
+    )

@@ -294,7 +294,8 @@ def test_a_port_that_is_taken_is_told_in_one_line(server):
 @pytest.mark.parametrize(
     ("words", "said"),
     [(["open", "nobody.toml"], "nobody.toml"), (["open", "nobody"], "no model or study"),
-     (["open", "double_exponential"], "is no loop"), (["open", "subway_braking:nobody"], "has no loop"),
+     (["open", "double_exponential"], "is no loop"),
+     (["open", "subway_braking:nobody"], "has no loop"),
      (["open", "--port", "99999"], "no port"), (["open", "--python", "no.py"], "no file no.py")],
 )  # fmt: skip
 def test_what_cannot_be_opened_is_told_in_one_line(tmp_path, monkeypatch, capsys, words, said):

@@ -46,8 +46,8 @@ function tell(text = said) {
 
 /** What a question is about. */
 function about() {
-  const { text, loop, scenario, numbers } = state.now;
-  return { ...(text === null || text === model?.text ? {} : { text }), loop, scenario, numbers };
+  const { text, loop, scenario, numbers } = state.now;  // the whole text: a new process knows the file alone
+  return { ...(text === null ? {} : { text }), loop, scenario, numbers };
 }
 
 /** @param {import("./state.js").Now} now @param {string} why */
