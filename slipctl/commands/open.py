@@ -20,8 +20,8 @@ EXAMPLE = "metro.toml"
 
 def answer(options: argparse.Namespace, command: str) -> int:
     """Serve the page until Ctrl-C; the first line printed is its whole address."""
-    from slipctl.workbench.server import Server
-    from slipctl.workbench.windows import Opening
+    from slipctl.workbench.web.server import Server
+    from slipctl.workbench.web.windows import Opening
 
     name = options.name or _example()
     if options.port is not None and not 0 <= options.port < 2**16:

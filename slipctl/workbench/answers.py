@@ -101,7 +101,7 @@ class Answers:
         wanted = (request.get("loop"), request.get("scenario"))
         named = [pair for pair in loops if pair[0] == desk.loop]
         if wanted in loops:
-            desk.loop, desk.scenario = wanted  # type: ignore[assignment]
+            desk.loop, desk.scenario = wanted
         elif (desk.loop, desk.scenario) not in loops:
             desk.loop, desk.scenario = named[0] if named else desk.first_loop(text)
         rig = desk.rig(text)
@@ -130,10 +130,10 @@ class Answers:
     def edit(self, request: Request) -> Iterator[Head]:
         """Text with another value at a key."""
         text, keys, value = self._text(request), request.get("keys"), request.get("value")
-        plain = isinstance(keys, list) and all(isinstance(k, str) for k in keys) and keys
-        if text is None or not plain or not isinstance(value, str):
+        path = tuple(k for k in keys if isinstance(k, str)) if isinstance(keys, list) else ()
+        if text is None or not path or not isinstance(value, str):
             raise BadInput("an edit needs a text, keys and a value; a study has no text")
-        yield {"end": True, "text": with_value(text, tuple(keys), value)}
+        yield {"end": True, "text": with_value(text, path, value)}
 
     def run(self, request: Request) -> Iterator[bytes | Head]:
         """Curves of a run while it rolls, then its metrics."""

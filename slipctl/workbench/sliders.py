@@ -72,7 +72,7 @@ def sliders_of_loop(loop: Block, scenario: Scenario, controller: str = "ctl") ->
         left, right, by_ratio = ends_of_slider(value, float(s.lo), float(s.hi))
         found.append(Slider(
             name, value, s.unit, _end(s.lo), _end(s.hi), left, right, by_ratio,
-            " ".join(s.doc.split()), s.source, _group(name, controller),
+            " ".join(s.doc.split()), s.source, _group(loop, name, controller),
         ))  # fmt: skip
     order = {"law": 0, "vehicle and rail": 1, "controller": 2}
     return sorted(found, key=lambda s: order[s.group])
@@ -125,11 +125,12 @@ def _is_tick(loop: Block, name: str) -> bool:
     )
 
 
-def _group(name: str, controller: str) -> str:
-    if name.startswith(f"{controller}.law."):
-        deeper = name.startswith(f"{controller}.law.law.")
-        plain = name.count(".") == 2
-        return "law" if deeper or plain else "controller"
+def _group(loop: Block, name: str, controller: str) -> str:
+    law = f"{controller}.law."
+    while any(n.startswith(f"{law}law.") for n in loop.params):  # a law in its common form
+        law += "law."
+    if name.startswith(law) and "." not in name.removeprefix(law):
+        return "law"
     return "controller" if name.startswith(f"{controller}.") else "vehicle and rail"
 
 

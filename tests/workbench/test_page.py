@@ -16,7 +16,7 @@ from browser import Browser, executable
 from test_server import serving
 
 from slipctl import registry
-from slipctl.workbench.windows import Opening
+from slipctl.workbench.web.windows import Opening
 
 pytestmark = [
     pytest.mark.second,
@@ -99,7 +99,8 @@ def test_a_number_out_of_range_is_told_in_words(study):
 
 
 def test_the_point_of_the_region_is_dragged(study, pictures):
-    study.wait("document.getElementById('region-words').textContent.includes('certified')", 60)
+    points = "document.getElementById('region-words').textContent.match(/\\d+(?= )/g)"
+    study.wait(f"({points} || []).slice(0, 3).reduce((a, b) => a + Number(b), 0) === 121", 240)
     x, y, w, h = study.run(
         "(() => { const b = document.getElementById('region').getBoundingClientRect();"
         " return [b.x, b.y, b.width, b.height]; })()"

@@ -11,7 +11,7 @@ from typing import Any
 
 from slipctl.workbench.answers import KINDS, LONG
 from slipctl.workbench.curves import frame
-from slipctl.workbench.worker import serve
+from slipctl.workbench.web.worker import serve
 
 PATIENCE = 20.0
 """Seconds that a piece of work may take; the process is ended then, and a new one begins."""
@@ -44,7 +44,7 @@ def process_context() -> Any:
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     made = multiprocessing.get_context("forkserver")
-    made.set_forkserver_preload(["slipctl.workbench.worker"])
+    made.set_forkserver_preload(["slipctl.workbench.web.worker"])
     return made
 
 

@@ -131,6 +131,8 @@ talk.on("model", (head) => {
   at("draws").disabled = !head.ensemble;
   if (!head.certificates.names.length) showFaults("verdict", [`no certificate: ${head.certificates.why}`]);
   fill(at("ensemble"), head.ensemble ? "" : "the file declares no ensemble");
+  at("undo").disabled = !state.past.length;
+  at("redo").disabled = !state.future.length;
   plots.shape = "";
   run();
   askRegion();

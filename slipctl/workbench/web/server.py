@@ -16,8 +16,8 @@ from typing import Any
 from slipctl.errors import BadInput
 from slipctl.workbench.answers import KINDS
 from slipctl.workbench.curves import frame
-from slipctl.workbench.guard import LONGEST, Bucket, Guard
-from slipctl.workbench.windows import Opening, Window
+from slipctl.workbench.web.guard import LONGEST, Bucket, Guard
+from slipctl.workbench.web.windows import Opening, Window
 
 HOST = "127.0.0.1"
 
@@ -35,7 +35,7 @@ TYPES = {
 
 def page_files() -> dict[str, tuple[bytes, str]]:
     """Files of the page by name, each with its type; no others are handed out."""
-    folder = files("slipctl.workbench") / "page"
+    folder = files("slipctl.workbench.web") / "page"
     return {
         p.name: (p.read_bytes(), TYPES[f".{p.name.rpartition('.')[2]}"])
         for p in folder.iterdir() if f".{p.name.rpartition('.')[2]}" in TYPES
