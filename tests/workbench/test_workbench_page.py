@@ -13,7 +13,7 @@ pytest.importorskip("uvicorn", reason="the extra workbench is not installed")
 pytest.importorskip("websockets", reason="the extra workbench is not installed")
 
 from browser import Browser, executable
-from test_server import serving
+from test_workbench_server import serving
 
 from slipctl import registry
 from slipctl.workbench.web.windows import Opening

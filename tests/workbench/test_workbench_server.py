@@ -14,7 +14,7 @@ from collections import deque
 from urllib.parse import urlsplit
 
 import pytest
-from frames import read
+from workbench_frames import read
 
 pytest.importorskip("starlette", reason="the extra workbench is not installed")
 pytest.importorskip("uvicorn", reason="the extra workbench is not installed")

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from frames import answered
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from workbench_frames import answered
 
 from slipctl import BadInput, registry, simulate
 from slipctl.study import resolve
