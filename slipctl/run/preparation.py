@@ -165,7 +165,8 @@ class Prepared:
         same = block._made is self._begun._made
         columns = self._columns if same else log_columns(block, self._wanted)
         beside = log_columns(block, doubt_signals(block)) if doubt else {}
-        kept = Rows(block, scenario, u, np.arange(0, ticks, int(self._every)), columns, beside)
+        every = int(self._every)
+        kept = Rows(block, scenario, u, np.arange(0, ticks, every), columns, beside, every)
         most = -(-ticks // CHUNKS) if often else ticks
         size = max(min(SCRATCH // max(x.size + total_size(block.outputs.values()), 1), most), 1)
         x_now = np.empty((size, x.size))

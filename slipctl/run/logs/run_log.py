@@ -169,8 +169,9 @@ class Rows:
 
     def __init__(
         self, block: Block, scenario: Scenario, u: np.ndarray, rows: np.ndarray,
-        columns: Mapping[str, Column], beside: Mapping[str, Column],
+        columns: Mapping[str, Column], beside: Mapping[str, Column], every: int,
     ) -> None:  # fmt: skip
+        self._every = every
         self._block, self._scenario, self._u, self._rows = block, scenario, u, rows
         self._columns, self._beside, self._many = columns, beside, 0
         self._first: dict[str, np.ndarray] = {"input": u[:1]}
@@ -184,10 +185,9 @@ class Rows:
     def add(self, k: int, stop: int, x: np.ndarray, y: np.ndarray) -> None:
         """Keep the rows from tick ``k`` to before ``stop``."""
         a, b = np.searchsorted(self._rows, (k, stop))
-        every = int(self._rows[1] - self._rows[0]) if self._rows.size > 1 else 1
         if k == 0:
             self._first |= {"output": y[:1].copy(), "state": x[:1].copy()}
-        here = slice(None, stop - k) if every == 1 else self._rows[a:b] - k
+        here = slice(None, stop - k) if self._every == 1 else self._rows[a:b] - k
         for role, whole in (("state", x), ("output", y)):
             for log_, places in ((self._logs, self._kept), (self._watch, self._seen)):
                 if places[role].size:  # clip: written where it belongs, without a copy between
@@ -198,12 +198,13 @@ class Rows:
         """Log of the rows so far."""
         many, rows = self._many, self._rows[: self._many]
         h = float(self._block.period or 0.0)
-        every = int(self._rows[1] - self._rows[0]) if self._rows.size > 1 else 1
         u_log = self._u[np.ix_(rows, self._kept["input"])]
         values = {"input": u_log, **{role: v[:many] for role, v in self._logs.items()}}
-        made = Log(self._block, self._scenario, rows * h, values, self._columns, self._first, every)
+        made = Log(
+            self._block, self._scenario, rows * h, values, self._columns, self._first, self._every
+        )
         if self._beside:
             seen = {role: v[:many] for role, v in self._watch.items()}
             made.watched = Log(self._block, self._scenario, rows * h, seen, self._beside,
-                               self._first, every)  # fmt: skip
+                               self._first, self._every)  # fmt: skip
         return made
