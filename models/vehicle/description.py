@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from slipctl.block.block import Block
 from slipctl.block.signals import Signal
 from slipctl.errors import BadInput, Faults
 from slipctl.models import common_form
@@ -48,6 +49,14 @@ class VehicleFiles:
         if kind not in common_form.MEANINGS:
             return None
         return common_form.MEANINGS[kind], common_form.gains_of_law(kind)
+
+    def adhesion_law(self, part: Trip | StudyTrip) -> tuple[Block, str] | None:
+        """Adhesion law of a file with its rail conditions, and what the file names it by.
+
+        Returns:
+            None where the law is that of a study.
+        """
+        return (rail_law(part), part.rail.law) if isinstance(part, Trip) else None
 
     def study(self, part: Trip | StudyTrip, name: str, doc: str) -> Study:
         """Study of a file."""

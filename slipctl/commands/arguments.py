@@ -84,6 +84,20 @@ def _new_options(p: Parser) -> None:
     )  # fmt: skip
 
 
+def _open_options(p: Parser) -> None:
+    p.add_argument(
+        "name", metavar="FILE.toml|STUDY[:LOOP]", nargs="?",
+        help="what to open; without it metro.toml, written here if it is not there",
+    )  # fmt: skip
+    p.add_argument("--port", metavar="N", type=int, help="of this machine (one that is free)")
+    p.add_argument("--no-browser", action="store_true", help="only print the address")
+    p.add_argument(
+        "--python", metavar="FILE.py", nargs="+", action="extend", default=[], dest="files",
+        help="Python files that the file may name; no others are ever imported",
+    )  # fmt: skip
+    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+
+
 def _copy_options(p: Parser) -> None:
     p.add_argument("model", metavar="MODEL")
     p.add_argument("file", metavar="FILE")
@@ -456,6 +470,7 @@ COMMANDS: dict[str, tuple[str, Callable[[Parser], None]]] = {
     "list": ("List studies, models, and the kinds of parts of a vehicle's file.", _list_options),
     "show": ("Show equations, signals, units, sources and Jacobian of NAME.", _show_options),
     "new": ("Write a file that describes a vehicle, to edit it and run it.", _new_options),
+    "open": ("Open the workbench: edit, see run, region and C at once.", _open_options),
     "schema": ("Print the JSON schema of the files that describe a vehicle.", _no_options),
     "copy": ("Copy the source of a model to a file of your own, to edit it.", _copy_options),
     "run": ("Run a study: metrics, claims, logs, figures and a report.", _run_options),

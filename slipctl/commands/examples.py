@@ -32,6 +32,14 @@ NEW = """\
   slipctl new --from subway_braking:sta@curves curves.toml
 """
 
+OPEN = """\
+The page is served on this machine alone; the address holds its key.
+
+  slipctl open
+  slipctl open metro.toml --python my_law.py
+  slipctl open hst_braking:eppfc --port 8765 --no-browser
+"""
+
 RUN = """\
   slipctl run metro.toml
   slipctl run metro.toml --loop pid --set m=42t --out out/heavy
@@ -118,8 +126,8 @@ DOCS = """\
 """
 
 OF_COMMAND = {
-    "list": LIST, "show": SHOW, "new": NEW, "schema": SCHEMA, "copy": COPY, "run": RUN,
-    "sweep": SWEEP, "tune": TUNE, "replay": REPLAY, "compare": COMPARE, "fit": FIT, "c": C,
-    "pil": PIL, "certify": CERTIFY, "check": CHECK, "docs": DOCS,
+    "list": LIST, "show": SHOW, "new": NEW, "open": OPEN, "schema": SCHEMA, "copy": COPY,
+    "run": RUN, "sweep": SWEEP, "tune": TUNE, "replay": REPLAY, "compare": COMPARE, "fit": FIT,
+    "c": C, "pil": PIL, "certify": CERTIFY, "check": CHECK, "docs": DOCS,
 }  # fmt: skip
 """Text below the options of each command."""

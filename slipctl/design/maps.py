@@ -163,7 +163,7 @@ def drawn_map(
             found = []
             for a in xs:
                 at = {**given, x.name: float(a), y.name: float(b)}
-                found.append(_point(system, at))
+                found.append(point_verdict(system, at))
             return found
 
         return job
@@ -182,7 +182,7 @@ def drawn_map(
     )  # fmt: skip
 
 
-def _point(system: System, given: Mapping[str, Any]) -> tuple[str, float]:
+def point_verdict(system: System, given: Mapping[str, Any]) -> tuple[str, float]:
     """Verdict at a point, and up to which margin it is proved."""
     try:
         numbers = exact_numbers(system, given)

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block, as_block
-from slipctl.block.signals import Signal, total_size
+from slipctl.block.signals import total_size
 from slipctl.errors import BadInput, RunFailed, check_whole, nearest
 from slipctl.run import build
+from slipctl.run.logs.run_log import Log, Rows, log_columns
 from slipctl.run.numbers import Template, check_guards, template
 from slipctl.run.rail import Rail, Scenario
 from slipctl.run.scenario_inputs import feeds, loop_at_start, pieces, rail_values
-from slipctl.run.warnings.doubts import doubt_signals, estimates_off, warnings_of_log
-from slipctl.run.warnings.first_guesses import warnings_of_starts
-from slipctl.run.warnings.wheels import wheel_warnings
-
-if TYPE_CHECKING:
-    import xarray
+from slipctl.run.warnings.doubts import doubt_signals
 
 CHUNKS = 40
 """Pieces a run is cut into, for progress and for stopping it."""
@@ -134,62 +129,65 @@ class Prepared:
             BadInput: what ``with_params`` and ``simulate`` refuse, with the same words.
             RunFailed: a state became NaN or infinite; says block, signal and time.
         """
+        often = progress is not None
+        for piece in self.pieces(numbers, seed=seed, rail=rail, doubt=doubt, often=often):
+            if progress:
+                progress(piece[0])
+        return piece[1]()
+
+    def pieces(
+        self,
+        numbers: Mapping[str, Any] | None = None,
+        *,
+        seed: int | None = None,
+        rail: Rail | None = None,
+        doubt: bool = False,
+        often: bool = True,
+    ) -> Iterator[tuple[float, Callable[[], Log]]]:
+        """Roll as a call does, piece by piece, for whoever shows a run before it has ended.
+
+        Args:
+            numbers, seed, rail, doubt: as of a call.
+            often: in :data:`CHUNKS` pieces at least; else in as many as memory asks for.
+
+        Yields:
+            Share done, and what gives the log so far: after the last piece it is that of a call.
+
+        Raises:
+            BadInput, RunFailed: as a call.
+        """
         scenario = self.scenario if seed is None else self.scenario.but(seed=seed)
         scenario = scenario if rail is None else scenario.but(rail=rail)
         block, values = self._numbered(numbers)
         x = build.pack_numbers(block, "state", block._start({}, values))
         u, roll, parts = self._parts(block, scenario, values)
-        h, ticks, every = float(block.period or 0.0), self.ticks, int(self._every)
-        rows = np.arange(0, ticks, every)
+        h, ticks = float(block.period or 0.0), self.ticks
         same = block._made is self._begun._made
         columns = self._columns if same else log_columns(block, self._wanted)
         beside = log_columns(block, doubt_signals(block)) if doubt else {}
-        n_y = total_size(block.outputs.values())
-        kept = {role: _places(columns, role) for role in ("input", "output", "state")}
-        seen = {role: _places(beside, role) for role in ("output", "state")}
-        x_log, y_log = (np.empty((rows.size, kept[role].size)) for role in ("state", "output"))
-        x_seen, y_seen = (np.empty((rows.size, seen[role].size)) for role in ("state", "output"))
-        first: dict[str, np.ndarray] = {"input": u[:1]}
-        most = -(-ticks // CHUNKS) if progress else ticks
-        size = max(min(SCRATCH // max(x.size + n_y, 1), most), 1)
-        x_now, y_now = np.empty((size, x.size)), np.empty((size, n_y))
-        ended, stayed = ticks, 0
+        every = int(self._every)
+        kept = Rows(block, scenario, u, np.arange(0, ticks, every), columns, beside, every)
+        most = -(-ticks // CHUNKS) if often else ticks
+        size = max(min(SCRATCH // max(x.size + total_size(block.outputs.values()), 1), most), 1)
+        x_now = np.empty((size, x.size))
+        y_now = np.empty((size, total_size(block.outputs.values())))
+        stayed = 0
         for start, last, p in parts:
             for k in range(start, last, size):
                 stop = min(k + size, last)
                 n = roll(x, u[k:stop], p, x_now[: stop - k], y_now[: stop - k])
+                ended = None
                 if self._end is not None:
                     at, stayed = self._end.tick(x_now[:n], y_now[:n], stayed)
                     if at is not None:
                         ended = stop = k + at + 1
                         n = at + 1
-                a, b = np.searchsorted(rows, (k, stop))
                 if n < stop - k:
                     raise RunFailed(_broken(block, x, (k + n + 1) * h))
-                if k == 0:
-                    first |= {"output": y_now[:1].copy(), "state": x_now[:1].copy()}
-                here = slice(None, n) if every == 1 else rows[a:b] - k
-                for whole, log_, places in (
-                    (x_now, x_log, kept["state"]), (y_now, y_log, kept["output"]),
-                    (x_now, x_seen, seen["state"]), (y_now, y_seen, seen["output"]),
-                ):  # fmt: skip
-                    if places.size:  # clip: written where it belongs, without a copy between
-                        np.take(whole[here], places, axis=1, out=log_[a:b], mode="clip")
-                if progress:
-                    progress(stop / ended)
-                if ended < ticks:
-                    break
-            if ended < ticks:
-                break
-        many = int(np.searchsorted(rows, ended))
-        rows, x_log, y_log = rows[:many], x_log[:many], y_log[:many]
-        u_log = u[np.ix_(rows, kept["input"])]
-        log = Log(block, scenario, rows * h, {"input": u_log, "output": y_log, "state": x_log},
-                  columns, first, every)  # fmt: skip
-        if beside:
-            watch = {"output": y_seen[:many], "state": x_seen[:many]}
-            log.watched = Log(block, scenario, rows * h, watch, beside, first, every)
-        return log
+                kept.add(k, stop, x_now[:n], y_now[:n])
+                yield stop / (ended or ticks), kept.log
+                if ended is not None:
+                    return
 
     def whole(
         self, numbers: Mapping[str, Any], seed: int | None = None, rail: Rail | None = None
@@ -351,147 +349,3 @@ class Ending:
         count = number - np.maximum.accumulate(outside)
         hits = np.flatnonzero(count >= self._needed)
         return (int(hits[0]) if hits.size else None), int(count[-1]) if count.size else stayed
-
-
-@dataclass(frozen=True)
-class _Column:
-    """Where a logged signal stands: among which packed values, from which number on."""
-
-    role: str
-    at: int
-    signal: Signal
-
-
-def log_columns(loop: Block, wanted: set[str] | None) -> dict[str, _Column]:
-    """Signals that a log keeps, by name; by default every number that is no held copy."""
-    found: dict[str, _Column] = {}
-    for role in ("input", "output", "state"):
-        at = 0
-        for n, s in loop._signals[role].items():
-            here, at = at, at + s.size
-            last = n.rpartition(".")[2]
-            shown = s.shape == () or (s.axis != "" and len(s.shape) == 1)
-            keep = shown and not last.startswith("held_") and last != "tick"
-            if not (keep if wanted is None else n in wanted):
-                continue
-            if role != "output" and n in loop.outputs:
-                continue  # a wire from this name carries the output too
-            found[n] = _Column(role, here, s)
-    return found
-
-
-def _places(columns: Mapping[str, _Column], role: str) -> np.ndarray:
-    """Numbers of a role that a log keeps, by their place among all of them."""
-    spans = [range(c.at, c.at + c.signal.size) for c in columns.values() if c.role == role]
-    return np.array([k for span in spans for k in span], dtype=int)
-
-
-class Log(Mapping[str, np.ndarray]):
-    """What a run gave: arrays by name, each made when it is asked for; ``"time"`` in s first.
-
-    A signal of one number is an array of rows, one of a shape has the rows in front.
-
-    Attributes:
-        loop: the loop as it ran.
-        scenario: the scenario as it ran.
-        watched: what gives reason to doubt the run, where it was watched.
-    """
-
-    def __init__(
-        self, loop: Block, scenario: Scenario, time: np.ndarray, values: Mapping[str, np.ndarray],
-        columns: Mapping[str, _Column], first: Mapping[str, np.ndarray], every: int = 1,
-    ) -> None:  # fmt: skip
-        self.loop, self.scenario, self._time, self._every = loop, scenario, time, every
-        self._values, self._first = values, first
-        self.watched: Log | None = None
-        self._columns: dict[str, _Column] = {}
-        ends = dict.fromkeys(values, 0)
-        for n, c in columns.items():
-            self._columns[n] = _Column(c.role, ends[c.role], c.signal)
-            ends[c.role] += c.signal.size
-
-    @classmethod
-    def of(
-        cls, loop: Block, scenario: Scenario, time: np.ndarray, values: Mapping[str, np.ndarray]
-    ) -> Log:
-        """Log of all numbers of a run, a row per tick for inputs, outputs and states."""
-        columns = log_columns(loop, None)
-        kept = {role: v[:, _places(columns, role)] for role, v in values.items()}
-        return cls(loop, scenario, time, kept, columns, {r: v[:1] for r, v in values.items()})
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        if name == "time":
-            return self._time
-        if name not in self._columns:
-            raise KeyError(name)
-        c = self._columns[name]
-        s, rows = c.signal, len(self._time)
-        columns = self._values[c.role][:, c.at : c.at + s.size]
-        if len(s.shape) == 2:  # stored column by column
-            data = columns.reshape(rows, s.shape[1], s.shape[0]).transpose(0, 2, 1)
-        else:
-            data = columns.reshape(rows, *s.shape)
-        return np.ascontiguousarray(data)
-
-    def __iter__(self) -> Iterator[str]:
-        yield "time"
-        yield from self._columns
-
-    def __len__(self) -> int:
-        return 1 + len(self._columns)
-
-    def told(self) -> list[str]:
-        """What to know before the numbers are believed: of estimators, and of limits."""
-        every = {s.name for s in self.loop.signals if s.role != "param"}
-        begin = Log(self.loop, self.scenario, self._time[:1], self._first,
-                    log_columns(self.loop, every), self._first)  # fmt: skip
-        scenario = self.scenario.but(params={}, start={})
-        starts = warnings_of_starts(self.loop, scenario, lambda _: begin)
-        if self.watched is None:
-            return starts
-        wheels = wheel_warnings(self.loop, scenario, self.watched)
-        return [*wheels, *starts, *warnings_of_log(self.loop, scenario, self.watched)]
-
-    def dataset(self) -> xarray.Dataset:
-        """The same as a Dataset, with units and provenance; see :func:`simulate`."""
-        import xarray
-
-        from slipctl import __version__
-
-        variables: dict[str, Any] = {}
-        sizes: dict[str, int] = {}
-        for n, c in self._columns.items():
-            s = c.signal
-            attributes = {"units": s.unit, "long_name": s.doc or n}
-            if s.positive:
-                attributes["positive"] = s.positive
-            dims = ["time", *(f"{n}.{i}" for i in range(len(s.shape)))]
-            if s.axis and sizes.setdefault(s.axis, s.shape[-1]) == s.shape[-1]:
-                dims[-1] = s.axis
-            variables[n] = (dims, self[n], attributes)
-        loop, scenario = self.loop, self.scenario
-        parameters = {
-            n: {"value": np.asarray(v).tolist(), "unit": loop.params[n].unit}
-            for n, v in loop.param_values().items()
-        }
-        provenance: dict[str, Any] = {
-            "format": 1,
-            "slipctl_version": __version__,
-            "loop": loop.name,
-            "scenario": scenario.name,
-            "seed": scenario.seed,
-            "noise": scenario.noise,
-            "period_s": loop.period,
-            "rail_changes_s": scenario.changes,
-            "parameters": json.dumps(parameters),
-        }
-        if self._every > 1:
-            provenance["period_s"] = float(loop.period or 0.0) * int(self._every)
-        if lines := self.told():
-            provenance["told"] = "\n".join(lines)
-        if self.watched is not None:
-            scenario = self.scenario.but(params={}, start={})
-            off = [vars(e) for e in estimates_off(self.loop, scenario, self.watched)]
-            provenance |= {"estimates_off": json.dumps(off)} if off else {}
-        coordinate = ("time", self._time, {"units": "s", "long_name": "time"})
-        return xarray.Dataset(variables, coords={"time": coordinate}, attrs=provenance)

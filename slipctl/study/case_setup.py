@@ -14,7 +14,8 @@ from slipctl.block.transforms.discretisation import check_sample_times
 from slipctl.block.units import unit_algebra
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.run import store
-from slipctl.run.preparation import Log, Prepared, first_tick
+from slipctl.run.logs.run_log import Log
+from slipctl.run.preparation import Prepared, first_tick
 from slipctl.run.rail import Scenario
 from slipctl.run.results import Case
 from slipctl.run.scenario_inputs import loop_at_start, rail_values

@@ -119,15 +119,27 @@ class _AsWritten(SourceFileLoader):
         return self.source_to_code(data, self.path)
 
 
+ONLY: list[frozenset[Path]] = []
+"""Python files that alone may be imported, where that was said; empty where any may be."""
+
+
+def load_only(files: Sequence[str]) -> None:
+    """Let no other Python files be imported from now on: a page's text must not name new code."""
+    ONLY[:] = [frozenset(Path(f).resolve() for f in files)]
+
+
 def load_file(path: str) -> ModuleType:
     """Import a Python file of the user.
 
     Raises:
-        BadInput: no such file, or it cannot be run; says the line.
+        BadInput: no such file, it cannot be run, or it may not be; says the line.
     """
     place = Path(path)
     if not place.is_file():
         raise BadInput(f"there is no file {path}")
+    if ONLY and place.resolve() not in ONLY[0]:
+        raise BadInput(f"{path} is Python and was not named at the start; write slipctl open FILE"
+                       f" --python {path}")  # fmt: skip
     name = f"{FILE}{abs(hash(str(place.resolve())))}_{place.stem}"
     if name in sys.modules:
         return sys.modules[name]

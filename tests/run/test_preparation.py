@@ -183,3 +183,20 @@ def test_a_numbered_block_is_apart_from_what_it_was_made_of() -> None:
     new = loop._numbered({"ctl.law.k1": 7.0})
     assert float(new.params["ctl.law.k1"].value) == 7
     assert float(loop.params["ctl.law.k1"].value) == 20
+
+
+@given(st.sampled_from(["plain", "subway_braking", "hst_braking", "hst_traction"]))
+def test_a_run_in_pieces_is_the_whole_run(which: str) -> None:
+    """Each piece has the first rows of the whole log, with its bits; the last one has them all."""
+    run = loops()[which][2]
+    whole, shares, rows = run(), [], 0
+    for share, so_far in run.pieces():
+        part = so_far()
+        assert len(part["time"]) > rows
+        rows = len(part["time"])
+        shares.append(share)
+        assert all(part[n].tobytes() == whole[n][:rows].tobytes() for n in whole)
+    assert len(shares) > 1
+    assert rows == len(whole["time"])
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0

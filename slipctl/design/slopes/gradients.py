@@ -28,6 +28,7 @@ from slipctl.errors import BadInput
 from slipctl.predict.sensitivity import by_numbers
 from slipctl.run.metrics import Run
 from slipctl.run.preparation import Whole
+from slipctl.run.rail import Scenario
 from slipctl.run.sweep.ensemble import Draw, World
 
 JUMPS = {
@@ -119,10 +120,7 @@ class Slopes:
         for short, name in zip(names, self.names, strict=True):
             if name not in self.loop.params:
                 raise BadInput(f"{short} is no parameter of the loop")
-        if scenario.end is not None:
-            raise BadInput("the run ends by what it computes")
-        if scenario.rail is not None and scenario.rail.by != "time":
-            raise BadInput("the rail changes by the place of the vehicle")
+        refuse_scenario(scenario)
         sizes = [(s.size, not s.derived) for s in self.loop.params.values()]
         self._settable = np.repeat([free for _, free in sizes], [many for many, _ in sizes])
         self._given = by_numbers(self.loop, self.names)
@@ -234,6 +232,18 @@ class Slopes:
         op = column.instruction_id(k)
         parts = [path for path, b in _leaves(self.loop, "") if _has(b, op)]
         return f" ({', '.join(parts)})" if parts else ""
+
+
+def refuse_scenario(scenario: Scenario) -> None:
+    """Refuse a scenario in which a metric has no slope, whatever the loop is.
+
+    Raises:
+        BadInput: says why.
+    """
+    if scenario.end is not None:
+        raise BadInput("the run ends by what it computes")
+    if scenario.rail is not None and scenario.rail.by != "time":
+        raise BadInput("the rail changes by the place of the vehicle")
 
 
 def operations(f: ca.Function) -> int:

@@ -1,1 +1,1 @@
-"""Does it read a recorded log, or send one through a block?"""
+"""Is it about a log: one that a run gives, one that was recorded, one sent through a block?"""

@@ -18,6 +18,7 @@ import numpy as np
 from slipctl.block.block import Block, as_block
 from slipctl.errors import BadInput, RunFailed, check_whole, nearest
 from slipctl.run import interrupts, machine
+from slipctl.run.logs.run_log import Log, log_columns
 from slipctl.run.metrics import (
     AGAINST_IDEAL,
     METRICS,
@@ -27,7 +28,7 @@ from slipctl.run.metrics import (
     rail_changes,
     rail_names,
 )
-from slipctl.run.preparation import Log, Prepared, log_columns, prepare
+from slipctl.run.preparation import Prepared, prepare
 from slipctl.run.rail import Scenario
 from slipctl.run.results import Known, known_column
 from slipctl.run.roles import Signals

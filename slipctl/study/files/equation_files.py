@@ -74,8 +74,19 @@ def read(path: str) -> tuple[str, dict[str, Any]]:
     except OSError as error:
         raise BadInput(f"cannot read {path}: {error.strerror}") from None
     READ.add(Path(path).resolve())
+    return text, content_of_text(path, text)
+
+
+def content_of_text(path: str, text: str) -> dict[str, Any]:
+    """Content of a TOML text that stands in a file, or is meant to.
+
+    Raises:
+        BadInput: it is too long, or no TOML; says the line.
+    """
+    if len(text) > LARGEST:
+        raise BadInput(f"{path} has {len(text)} letters; such a file has at most {LARGEST}")
     try:
-        return text, tomllib.loads(text)
+        return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise BadInput(f"{path}: {error or 'it is nested too deeply'}") from None
 

@@ -86,7 +86,19 @@ def load(path: str) -> Study:
         Faults: what is wrong in it.
     """
     equation_files.READ.add(Path(path).resolve())
-    trip = load_trip(path)
+    text, _ = equation_files.read(path)
+    return study_of_text(path, text)
+
+
+def study_of_text(path: str, text: str) -> Study:
+    """Study that a text describes as if it stood in that file, which need not be there.
+
+    Raises:
+        BadInput: it is no TOML, or too long; says the line.
+        Faults: what is wrong in it.
+    """
+    equation_files.content_of_text(path, text)
+    trip = _trip(path, text)
     name = re.sub(r"\W", "_", Path(path).stem) or "trip"
     made: Study = vehicle_files().study(trip, name, f"described in {Path(path).name}")
     return made

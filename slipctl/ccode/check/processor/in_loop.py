@@ -15,7 +15,8 @@ from slipctl.ccode.check.vectors.expected_outputs import start_state
 from slipctl.ccode.passes.precision import neighbour_float, round_to_real
 from slipctl.errors import BadInput
 from slipctl.run import scenario_inputs
-from slipctl.run.preparation import Ending, Log
+from slipctl.run.logs.run_log import Log
+from slipctl.run.preparation import Ending
 from slipctl.run.rail import Scenario
 
 if TYPE_CHECKING:

@@ -1,0 +1,296 @@
+"""Answers to what a page asks, each told piece by piece, so that a newer question can overtake."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from slipctl.errors import BadInput, Faults, RunFailed
+from slipctl.study.failures import blame
+from slipctl.workbench.c_texts import c_of_rig
+from slipctl.workbench.curves import curves_of_run, frame
+from slipctl.workbench.desk import Desk, Rig, command_of, numbers_in_words
+from slipctl.workbench.effects import difference_rows, exact_slopes
+from slipctl.workbench.ensembles import ensemble_rows
+from slipctl.workbench.findings import metric_rows, warnings_of_rig
+from slipctl.workbench.gain_regions import (
+    certificates_of_rig,
+    gains_by_name,
+    region_rows,
+    verdict_of_gains,
+)
+from slipctl.workbench.laws import block_view, law_of_desk, law_of_text, law_view
+from slipctl.workbench.saved_files import save_desk
+from slipctl.workbench.sliders import check_numbers
+from slipctl.workbench.texts import completions, faults_of_text, with_value
+
+EVERY = 0.08
+"""Seconds from one part of a curve to the next, while a run goes on."""
+
+DEAR = 8.0
+"""A part is told when so many times as long has passed as the last one took to tell."""
+
+Request = Mapping[str, Any]
+Head = dict[str, Any]
+
+
+class Answers:
+    """What answers the questions of a window.
+
+    Args:
+        desk: what is open.
+    """
+
+    def __init__(self, desk: Desk) -> None:
+        self.desk = desk
+
+    def begin(self, request: Request) -> Iterator[bytes]:
+        """Begin to answer a question; what is wrong with it is told as faults, in lines.
+
+        Args:
+            request: its ``kind``, one of :data:`KINDS`, its ``id``, and what it needs: ``text``,
+                ``loop``, ``scenario``, ``numbers``.
+
+        Yields:
+            Frames, see :func:`slipctl.workbench.curves.frame`; the last one has ``end``.
+        """
+        kind, number = str(request.get("kind")), request.get("id", 0)
+        who = {"kind": kind, "id": number if isinstance(number, int) else 0}
+        try:
+            if kind not in KINDS:
+                raise BadInput(f"there is no question {kind[:40]!r}")
+            for part in KINDS[kind](self, request):
+                yield part if isinstance(part, bytes) else frame({**who, **part})
+        except (Exception, RecursionError) as error:
+            yield frame({**who, "end": True, "faults": fault_lines(error)})
+
+    # ---- what a question is about ---------------------------------------------------------------
+
+    def _text(self, request: Request) -> str | None:
+        text = request.get("text")
+        if text is None or self.desk.text is None:
+            return self.desk.text
+        if not isinstance(text, str):
+            raise BadInput("the text is no text")
+        return text
+
+    def _rig(self, request: Request) -> Rig:
+        loop, scenario = request.get("loop"), request.get("scenario")
+        if not (isinstance(loop, str | None) and isinstance(scenario, str | None)):
+            raise BadInput("loop and scenario are no names")
+        return self.desk.rig(self._text(request), loop, scenario)
+
+    def _moved(self, request: Request, rig: Rig) -> dict[str, float]:
+        return check_numbers(request.get("numbers") or {}, rig.sliders)
+
+    # ---- the questions --------------------------------------------------------------------------
+
+    def model(self, request: Request) -> Iterator[Head]:
+        """What is open: loops, sliders, limits, certificates; of a faulty file its text alone."""
+        desk, text = self.desk, self._text(request)
+        try:
+            study, loops = desk.study(text), desk.loops(text)
+        except BadInput:
+            yield {"end": True, "home": desk.home, "text": text, "broken": True,
+                   "found": faults_of_text(desk.home, text or "")}  # fmt: skip
+            return
+        wanted = (request.get("loop"), request.get("scenario"))
+        named = [pair for pair in loops if pair[0] == desk.loop]
+        if wanted in loops:
+            desk.loop, desk.scenario = wanted
+        elif (desk.loop, desk.scenario) not in loops:
+            desk.loop, desk.scenario = named[0] if named else desk.first_loop(text)
+        rig = desk.rig(text)
+        yield {
+            "end": True, "home": desk.home, "title": study.title, "doc": study.doc,
+            "text": text, "loops": loops, "loop": desk.loop, "scenario": desk.scenario,
+            "sliders": [s.told() for s in rig.sliders], "limits": dict(study.limits),
+            "certificates": certificates_of_rig(rig), "controller": study.controller,
+            "ensemble": desk.scenario in study.ensembles, "tick": rig.loop.period,
+            "folder": str(desk.folder),
+        }  # fmt: skip
+
+    def text(self, request: Request) -> Iterator[Head]:
+        """Faults of a text, each with its line."""
+        text = self._text(request)
+        found = [] if text is None else faults_of_text(self.desk.home, text)
+        yield {"end": True, "found": found}
+
+    def complete(self, request: Request) -> Iterator[Head]:
+        """What may stand on a line."""
+        text, line = self._text(request), request.get("line")
+        if text is None or not isinstance(line, int):
+            raise BadInput("a completion needs a text and a line")
+        yield {"end": True, "line": line, "found": completions(text, line)}
+
+    def edit(self, request: Request) -> Iterator[Head]:
+        """Text with another value at a key."""
+        text, keys, value = self._text(request), request.get("keys"), request.get("value")
+        path = tuple(k for k in keys if isinstance(k, str)) if isinstance(keys, list) else ()
+        if text is None or not path or not isinstance(value, str):
+            raise BadInput("an edit needs a text, keys and a value; a study has no text")
+        yield {"end": True, "text": with_value(text, path, value)}
+
+    def run(self, request: Request) -> Iterator[bytes | Head]:
+        """Curves of a run while it rolls, then its metrics."""
+        rig = self._rig(request)
+        numbers = self._moved(request, rig)
+        who = {"kind": "run", "id": request.get("id", 0), "loop": rig.name}
+        begun = time.perf_counter()
+        rolled, compiled = None, False
+        while rolled is None:
+            compiled, measured, next_one = rig.compiled, rig.measured, 0.0
+            for share, so_far in measured.prepared.pieces(numbers):
+                now = time.perf_counter()
+                if share >= 1.0:
+                    rolled = so_far()
+                elif rig.compiled and not compiled:
+                    break  # begin anew, compiled: the same bits, much sooner
+                elif now >= next_one:
+                    seen = measured.seen(so_far())
+                    yield frame({**who, "share": share, "compiled": compiled},
+                                curves_of_run(seen), 400)  # fmt: skip
+                    after = time.perf_counter()
+                    next_one = after + max(EVERY, DEAR * (after - now))
+                else:
+                    yield b""  # a newer question may overtake here
+        seen = measured.seen(rolled)
+        spent = time.perf_counter() - begun
+        yield frame({**who, "share": 1.0, "compiled": compiled, "seconds": spent},
+                    curves_of_run(seen))  # fmt: skip
+        yield {"end": True, "metrics": metric_rows(measured.metrics(rolled), rig.study.limits),
+               "command": command_of(self.desk, numbers, rig.sliders)}  # fmt: skip
+
+    def doubts(self, request: Request) -> Iterator[bytes | Head]:
+        """What gives reason to doubt the run, in words; it is rolled again and watched."""
+        rig = self._rig(request).wait()
+        numbers = self._moved(request, rig)
+        pieces = rig.measured.prepared.pieces(numbers, doubt=True)
+        _, so_far = next(pieces)
+        for _, so_far in pieces:  # noqa: B007  the last one is the whole run
+            yield b""
+        yield {"end": True, "warnings": warnings_of_rig(rig, so_far())}
+
+    def law(self, request: Request) -> Iterator[Head]:
+        """The adhesion law of what is open, or one that was typed: equations and curve."""
+        typed = request.get("law")
+        if isinstance(typed, str) and typed.strip():
+            if len(typed) > 2000:
+                raise BadInput("a law has at most 2000 letters")
+            yield {"end": True, "law": law_view(law_of_text(typed.strip())), "typed": typed}
+            return
+        block, text = law_of_desk(self.desk, self._rig(request))
+        yield {"end": True, "law": law_view(block), "typed": text}
+
+    def block(self, request: Request) -> Iterator[Head]:
+        """A part of the loop: diagram, equations, Jacobian."""
+        path = request.get("path", "")
+        if not isinstance(path, str):
+            raise BadInput("a part is named by a text")
+        yield {"end": True, "block": block_view(self._rig(request).loop, path)}
+
+    def verdict(self, request: Request) -> Iterator[Head]:
+        """Certificate of the loop with the numbers as they are."""
+        rig = self._rig(request)
+        gains = gains_by_name(rig, str(request.get("name") or ""))
+        yield {"end": True, "verdict": verdict_of_gains(rig, gains, self._moved(request, rig))}
+
+    def region(self, request: Request) -> Iterator[Head | bytes]:
+        """Where two gains are certified, refuted or undecided, row by row."""
+        rig = self._rig(request)
+        gains = gains_by_name(rig, str(request.get("name") or ""))
+        axes = request.get("axes")
+        pair = tuple(map(str, axes)) if isinstance(axes, list) and len(axes) == 2 else None
+        for row in region_rows(rig, gains, self._moved(request, rig), pair):  # type: ignore[arg-type]
+            yield {"region": row} if row else b""
+        yield {"end": True}
+
+    def effects(self, request: Request) -> Iterator[Head]:
+        """What each gain of the law, and each number that was moved, does to the metrics."""
+        rig = self._rig(request)
+        numbers = self._moved(request, rig)
+        chosen = [s for s in rig.sliders if s.group == "law" or s.name in numbers][:12]
+        if not chosen:
+            raise BadInput("the law has no gains; move a number to see what it does")
+        rig.wait()
+        for row in difference_rows(rig, numbers, chosen):
+            yield {"effect": row}
+        try:
+            yield {"end": True, "exact": exact_slopes(rig, numbers, [s.name for s in chosen])}
+        except (BadInput, RunFailed) as error:
+            yield {"end": True, "why": str(error)}
+
+    def draws(self, request: Request) -> Iterator[Head]:
+        """A small ensemble with the numbers as they are, run by run."""
+        rig = self._rig(request)
+        for row in ensemble_rows(rig, self._moved(request, rig)):
+            yield {"ensemble": row}
+        yield {"end": True}
+
+    def c(self, request: Request) -> Iterator[Head]:
+        """The C of the controller."""
+        rig = self._rig(request)
+        target = "cortex-m4" if request.get("target") == "cortex-m4" else "host"
+        yield {"end": True, "c": c_of_rig(rig, self._moved(request, rig), target=target)}
+
+    def save(self, request: Request) -> Iterator[Head]:
+        """Write the file, with the numbers that were moved."""
+        rig = self._rig(request)
+        name = request.get("name") or ""
+        if not isinstance(name, str) or len(name) > 200:
+            raise BadInput("a file is named by a text")
+        done = save_desk(self.desk, name, self._text(request), self._moved(request, rig))
+        yield {"end": True, **done}
+
+    def report(self, request: Request) -> Iterator[Head]:
+        """Run what is saved as ``slipctl run`` does, and say where its report is."""
+        rig = self._rig(request)
+        moved = numbers_in_words(self._moved(request, rig), rig.sliders)
+        if self._text(request) != self.desk.saved():
+            raise BadInput("save the text first; a report is of a file")
+        out = self.desk.within(f"out/{re.sub(r'[^A-Za-z0-9_-]', '_', rig.study.name)}", "")
+        words = [sys.executable, "-m", "slipctl", "run", self.desk.home, "--loop", rig.name,
+                 "--out", str(out)]  # fmt: skip
+        words += ["--scenario", self.desk.scenario] if self.desk.scenario else []
+        words += ["--set", *moved] if moved else []
+        going = subprocess.Popen(
+            words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+        )
+        try:
+            while going.poll() is None:
+                time.sleep(0.05)
+                yield b""  # type: ignore[misc]
+        finally:
+            if going.poll() is None:
+                going.terminate()
+        said = (going.stderr.read() if going.stderr else b"").decode(errors="replace")
+        if going.returncode == 2:
+            raise BadInput(said.strip() or "the report was refused")
+        yield {"end": True, "file": str(out / "report.html"), "said": said[-2000:]}
+
+
+def fault_lines(error: BaseException) -> list[str]:
+    """What is wrong, in lines, as the command line would say it."""
+    try:
+        blame(error)
+    except Faults as known:
+        return list(known.lines)
+    except (BadInput, RunFailed) as known:
+        return [str(known)]
+    except BaseException as other:
+        return [f"a fault of slipctl, {type(other).__name__}: {str(other).partition(chr(10))[0]}"]
+
+
+KINDS: dict[str, Callable[[Answers, Request], Iterator[Any]]] = {
+    name: getattr(Answers, name)
+    for name in ("text", "complete", "edit", "run", "model", "law", "block", "save",
+                 "verdict", "doubts", "region", "effects", "draws", "c", "report")
+}  # fmt: skip
+"""Questions, the more urgent ones first."""
+
+LONG = ("verdict", "doubts", "region", "effects", "draws", "c", "report")
+"""Questions that go to a second process, so that a run need not wait for them."""

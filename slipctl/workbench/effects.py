@@ -1,0 +1,91 @@
+"""What a number does to the metrics: exact slopes where the loop is smooth, else differences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from slipctl.design.goals import single
+from slipctl.design.slopes.gradients import SMOOTH, Slopes, refuse_scenario
+from slipctl.errors import BadInput, RunFailed
+from slipctl.run.metrics import METRICS, Metric
+from slipctl.run.sweep.ensemble import Draw, Ensemble, World
+
+if TYPE_CHECKING:
+    from slipctl.workbench.desk import Rig
+    from slipctl.workbench.sliders import Slider
+
+STEP = 0.02
+"""Share by which a number is moved to either side where its effect is a difference."""
+
+METRICS_SHOWN = ("distance", "slip_error_rms", "slip_max", "torque_ripple", "lock_time")
+"""Metrics whose change is told, of those that a run has."""
+
+SMOOTH_SHOWN = tuple(m for m in SMOOTH if m in ("slip_error_rms", "distance"))
+"""Metrics whose slope is exact, where the loop has one."""
+
+
+def exact_slopes(
+    rig: Rig, numbers: Mapping[str, float], names: Sequence[str]
+) -> dict[str, dict[str, float]]:
+    """Slopes of metrics by numbers of a loop, from CasADi's derivatives along the whole run.
+
+    Returns:
+        By metric and number, in the unit of the metric by that of the number.
+
+    Raises:
+        BadInput: the loop is not smooth in them; says why.
+    """
+    refuse_scenario(rig.case.scenario)
+    first = next(s for s in rig.sliders if s.name == names[0])
+    beside = f"{first.left!r}:{first.right!r}"  # a world wants one; what it draws is not asked for
+    world = World(
+        rig.loop, rig.case.scenario, Ensemble({first.name: beside}), signals=rig.study.signals,
+        known=rig.case.known, free=tuple(names), compile=False,
+    )  # fmt: skip
+    draw = Draw({}, rig.case.scenario, rig.case.known, {})
+    found = Slopes(world, list(names)).of(numbers, draw, SMOOTH_SHOWN)
+    return {
+        m: {n: float(v) for n, v in zip(names, values, strict=True)} for m, values in found.items()
+    }
+
+
+def difference_rows(
+    rig: Rig, numbers: Mapping[str, float], sliders: Sequence[Slider]
+) -> Iterator[dict[str, Any]]:
+    """Change of each metric with each number, from two runs a number, told number by number.
+
+    Yields:
+        Name, unit, value, the step, and for each metric the change when the number grows by 1 %.
+        A metric that jumps, as an event that comes on one side only, has none.
+    """
+    for s in sliders:
+        value = float(numbers.get(s.name, s.value))
+        low = max(value * (1 - STEP), -math.inf if s.lo is None else s.lo)
+        high = min(value * (1 + STEP), math.inf if s.hi is None else s.hi)
+        if value == 0 or low == high:
+            continue
+        try:
+            down, up = (
+                rig.measured.metrics(rig.measured.prepared({**numbers, s.name: v}))
+                for v in sorted((low, high))
+            )
+        except (BadInput, RunFailed) as error:
+            yield {"name": s.name, "why": str(error)}
+            continue
+        share = abs(high - low) / abs(value)
+        yield {
+            "name": s.name, "unit": s.unit, "value": value,
+            "effects": {m: _change(m, down, up, share) for m in METRICS_SHOWN if m in up},
+        }  # fmt: skip
+
+
+def _change(
+    name: str, down: Mapping[str, Metric], up: Mapping[str, Metric], share: float
+) -> dict[str, Any]:
+    largest = METRICS[name].better != "high"
+    pair = [single(m[name], largest) if name in m else math.nan for m in (down, up)]
+    if not all(map(math.isfinite, pair)):
+        return {"by": None, "unit": up[name].unit}
+    return {"by": (pair[1] - pair[0]) / share / 100, "unit": up[name].unit}

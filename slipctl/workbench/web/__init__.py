@@ -1,0 +1,1 @@
+"""Does it hand answers to a browser: processes, websocket, guard, the files of the page?"""

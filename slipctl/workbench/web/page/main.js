@@ -1,0 +1,282 @@
+// The page: what was changed goes to the server, what it answers to its place.
+
+import { at, fill, make } from "./dom.js";
+import { Editor } from "./editor.js";
+import { showBlock, showLaw } from "./law.js";
+import { Plots, curvesOf, timeText } from "./plots.js";
+import { Region } from "./region.js";
+import { exactWords, showC, showEffects, showEnsemble, showFaults, showMetrics, showVerdict, showWarnings } from "./side.js";
+import { Sliders } from "./sliders.js";
+import { Talk } from "./socket.js";
+import { State } from "./state.js";
+import { Track } from "./track.js";
+
+const talk = new Talk();
+const track = new Track();
+const plots = new Plots((time) => { track.point(time); at("state").dataset.time = timeText(time); tell(); });
+const state = new State(changed);
+const sliders = new Sliders((name, value) => {
+  const numbers = { ...state.now.numbers };
+  if (value === null) delete numbers[name]; else numbers[name] = value;
+  state.set({ numbers }, name);
+});
+const region = new Region((moved) => state.set({ numbers: { ...state.now.numbers, ...moved } }, "point"));
+const editor = new Editor((text) => state.set({ text, numbers: state.now.numbers }, "text"), (line, text) => talk.ask("complete", { line, text }));
+
+/** @type {any} */
+let model = null;
+/** @type {any[] | null} */
+let metrics = null;
+/** @type {any[] | null} */
+let before = null;
+/** @type {any[]} */
+const pinned = [];
+/** @type {any[]} */
+let effects = [];
+let said = "opening";
+let begun = 0;
+let command = "";
+/** @type {any} */
+let later = 0;
+
+function tell(text = said) {
+  said = text;
+  fill(at("state"), [at("state").dataset.time, said].filter(Boolean).join("   "));
+}
+
+/** What a question is about. */
+function about() {
+  const { text, loop, scenario, numbers } = state.now;  // the whole text: a new process knows the file alone
+  return { ...(text === null ? {} : { text }), loop, scenario, numbers };
+}
+
+/** @param {import("./state.js").Now} now @param {string} why */
+function changed(now, why) {
+  sliders.update(now.numbers);
+  if (why === "step") editor.set(now.text);
+  at("undo").disabled = !state.past.length;
+  at("redo").disabled = !state.future.length;
+  if (why === "text" || why === "step") {
+    clearTimeout(later);
+    later = setTimeout(() => talk.ask("text", { text: now.text }), 120);
+  }
+  if (why !== "text") run();
+}
+
+function run() {
+  if (state.fresh) {  // what a slider passes is no run to compare with
+    plots.push();
+    before = metrics ?? before;
+  }
+  begun = performance.now();
+  delete at("state").dataset.first;
+  talk.ask("run", about());
+  region.place(state.now.numbers);
+  clearTimeout(run.rest);
+  run.rest = setTimeout(rest, 250);
+}
+/** @type {any} */
+run.rest = 0;
+
+/** What may wait until nothing moves: doubts and the verdict. */
+function rest() {
+  talk.ask("doubts", about());
+  if (model?.certificates.names.length) talk.ask("verdict", { ...about(), name: at("gains").value });
+}
+
+function askRegion() {
+  region.clear();
+  if (model?.certificates.names.length) talk.ask("region", { ...about(), name: at("gains").value });
+}
+
+talk.onstate = (/** @type {string} */ text) => { if (text) tell(text); else if (!model) talk.ask("model"); };
+
+talk.on("model", (head) => {
+  if (head.faults) {
+    tell(head.faults[0]);
+    return;
+  }
+  if (head.broken) {
+    fill(at("home"), head.home);
+    state.begin(head.home, { text: head.text, loop: "", scenario: "", numbers: {} });
+    state.now = { ...state.now, text: head.text };
+    editor.set(head.text);
+    editor.mark(head.found);
+    /** @type {any} */ (document.querySelector("[data-tab=text]")).click();
+    tell(`the file has ${head.found.length} fault${head.found.length > 1 ? "s" : ""}; it runs when it has none`);
+    return;
+  }
+  const first = !model;
+  model = head;
+  document.title = `${head.home}, slipctl`;
+  fill(at("home"), head.home);
+  at("home").title = head.title;
+  if (first) {
+    const now = state.begin(head.home, { text: state.key ? state.now.text : head.text, loop: head.loop, scenario: head.scenario, numbers: {} });
+    editor.set(now.text);
+    if (now.text !== head.text || now.loop !== head.loop || now.scenario !== head.scenario) {
+      talk.ask("model", { text: now.text, loop: now.loop, scenario: now.scenario });
+    }
+  }
+  state.now = { ...state.now, loop: head.loop, scenario: head.scenario };
+  fill(at("loop"), ...head.loops.map((/** @type {[string, string]} */ [loop, scenario]) => make("option", {
+    value: `${loop}@${scenario}`, selected: loop === head.loop && scenario === head.scenario },
+    head.loops.some((/** @type {[string, string]} */ o) => o[1] !== scenario) ? `${loop}, ${scenario}` : loop)));
+  const known = new Set(head.sliders.map((/** @type {any} */ s) => s.name));
+  const numbers = Object.fromEntries(Object.entries(state.now.numbers).filter(([n]) => known.has(n)));
+  state.now = { ...state.now, numbers };
+  sliders.set(head.sliders, numbers);
+  fill(at("gains"), ...head.certificates.names.map((/** @type {string} */ n) => make("option", { value: n }, n)));
+  at("gains").hidden = !head.certificates.names.length;
+  at("draws").disabled = !head.ensemble;
+  if (!head.certificates.names.length) showFaults("verdict", [`no certificate: ${head.certificates.why}`]);
+  fill(at("ensemble"), head.ensemble ? "" : "the file declares no ensemble");
+  at("undo").disabled = !state.past.length;
+  at("redo").disabled = !state.future.length;
+  plots.shape = "";
+  run();
+  askRegion();
+  if (!at("law").hidden) talk.ask("law", about());
+  if (!at("block").hidden) talk.ask("block", about());
+});
+
+talk.on("run", (head, columns) => {
+  if (head.faults) {
+    tell(head.faults[0]);
+    showWarnings(head.faults);
+  } else if (head.rows) {
+    const curves = curvesOf(head, columns);
+    const many = Math.max(0, ...curves.panels.flatMap((p) => p.series.map((/** @type {any} */ s) => s.axle)));
+    if (many !== at("axle").options.length - 1) {
+      fill(at("axle"), make("option", { value: 0 }, "all"), ...Array.from({ length: many }, (_, k) => make("option", { value: k + 1 }, String(k + 1))));
+      plots.axle = 0;
+    }
+    plots.show(curves, head.share);
+    track.show(curves);
+    const spent = performance.now() - begun;
+    at("state").dataset.first ??= String(spent);
+    at("state").dataset.spent = String(spent);
+    at("state").dataset.run = `${head.id} ${head.share}`;
+    tell(`${head.share < 1 ? `${Math.round(100 * head.share)} % of the run` : `run in ${Math.round(spent)} ms`}${head.compiled ? "" : ", interpreted while it compiles"}`);
+  } else if (head.metrics) {
+    metrics = head.metrics;
+    command = head.command;
+    showMetrics(head.metrics, before, pinned);
+    at("state").dataset.done = String(head.id);
+  }
+});
+
+talk.on("text", (head) => {
+  const found = head.found ?? (head.faults ?? []).map((/** @type {string} */ text) => ({ line: 0, text }));
+  editor.mark(found);
+  tell(found.length ? `the file has ${found.length} fault${found.length > 1 ? "s" : ""}` : "the file is right");
+  if (!found.length && state.now.text !== model?.text) talk.ask("model", { text: state.now.text, loop: state.now.loop, scenario: state.now.scenario });
+});
+talk.on("doubts", (head) => showWarnings(head.warnings ?? []));
+talk.on("complete", (head) => editor.offer(head.found ?? [], head.line));
+talk.on("edit", (head) => {
+  if (head.faults) { fill(at("law-faults"), ...head.faults.map((/** @type {string} */ t) => make("li", {}, t))); return; }
+  editor.set(head.text);
+  state.set({ text: head.text }, "text");
+});
+talk.on("law", (head) => {
+  fill(at("law-faults"), ...(head.faults ?? []).map((/** @type {string} */ t) => make("li", {}, t)));
+  if (!head.law) return;
+  showLaw(head.law);
+  if (document.activeElement !== at("typed") && head.typed) at("typed").value = head.typed;
+});
+talk.on("block", (head) => (head.block ? showBlock(head.block, (path) => talk.ask("block", { ...about(), path })) : showFaults("block", head.faults)));
+talk.on("verdict", (head) => (head.verdict ? showVerdict(head.verdict) : showFaults("verdict", head.faults)));
+talk.on("region", (head) => {
+  if (head.faults) showFaults("region-words", head.faults);
+  else if (head.region) region.add(head.region);
+});
+talk.on("effects", (head) => {
+  if (head.effect) effects.push(head.effect);
+  const words = head.faults?.[0] ?? (head.exact ? exactWords(head.exact) : head.why ? `differences of two runs; there are no exact slopes: ${head.why}` : "working it out");
+  showEffects(effects, words);
+});
+talk.on("draws", (head) => {
+  if (head.faults) showFaults("ensemble", head.faults);
+  else if (head.ensemble) showEnsemble(head.ensemble);
+});
+talk.on("c", (head) => (head.c ? showC(head.c) : showFaults("c", head.faults)));
+talk.on("save", (head) => {
+  if (head.faults) { tell(head.faults[0]); return; }
+  if (model.text !== null) {
+    state.set({ text: head.text, numbers: {} }, "save");
+    editor.set(head.text);
+    talk.ask("model", { text: head.text, loop: state.now.loop, scenario: state.now.scenario });
+  }
+  tell([`saved ${head.file}`, ...head.notes].join("; "));
+});
+talk.on("report", (head) => tell(head.faults?.[0] ?? `report: ${head.file}`));
+talk.on("refused", (head) => tell(head.faults[0]));
+
+// ---- what a person does ----
+
+at("loop").addEventListener("change", () => {
+  const [loop, scenario] = at("loop").value.split("@");
+  state.set({ loop, scenario, numbers: {} }, "loop");
+  talk.ask("model", { ...(state.now.text === null ? {} : { text: state.now.text }), loop, scenario });
+});
+at("axle").addEventListener("change", () => { plots.axle = Number(at("axle").value); plots.redraw(); });
+at("gains").addEventListener("change", () => { rest(); askRegion(); });
+at("undo").addEventListener("click", () => state.undo());
+at("redo").addEventListener("click", () => state.redo());
+at("pin").addEventListener("click", () => {
+  if (!plots.now || !metrics) return;
+  pinned.push({ name: `pin ${pinned.length + 1}`, rows: metrics });
+  plots.pins.push(plots.now);
+  plots.redraw();
+  showMetrics(metrics, before, pinned);
+});
+at("unpin").addEventListener("click", () => {
+  pinned.length = 0;
+  plots.pins.length = 0;
+  plots.redraw();
+  if (metrics) showMetrics(metrics, before, pinned);
+});
+const save = () => { tell("saving"); talk.ask("save", { ...about(), name: "" }); };
+at("save").addEventListener("click", save);
+at("report").addEventListener("click", () => { tell("writing the report"); talk.ask("report", about()); });
+at("copy").addEventListener("click", () => { navigator.clipboard?.writeText(command).catch(() => undefined); tell(command); });
+at("draws").addEventListener("click", () => { fill(at("ensemble"), "drawing"); talk.ask("draws", about()); });
+at("effects-ask").addEventListener("click", () => { effects = []; showEffects([], "working it out"); talk.ask("effects", about()); });
+at("c-ask").addEventListener("click", () => { fill(at("c"), "writing, compiling, replaying"); talk.ask("c", about()); });
+at("c-board").addEventListener("click", () => { fill(at("c"), "writing, compiling, running it on the emulated board"); talk.ask("c", { ...about(), target: "cortex-m4" }); });
+at("typed").addEventListener("input", () => {
+  clearTimeout(later);
+  later = setTimeout(() => talk.ask("law", { ...about(), law: at("typed").value }), 120);
+});
+at("use-law").addEventListener("click", () => talk.ask("edit", { ...about(), text: state.now.text, keys: ["rail", "law"], value: JSON.stringify(at("typed").value.trim()) }));
+for (const tab of document.querySelectorAll("[data-tab]")) {
+  tab.addEventListener("click", () => {
+    const name = /** @type {HTMLElement} */ (tab).dataset.tab ?? "";
+    for (const other of document.querySelectorAll("[data-tab]")) other.setAttribute("aria-selected", String(other === tab));
+    for (const box of document.querySelectorAll(".tab")) /** @type {HTMLElement} */ (box).hidden = box.id !== name;
+    if (name === "law") talk.ask("law", { ...about(), ...(at("typed").value ? { law: at("typed").value } : {}) });
+    if (name === "block") talk.ask("block", about());
+  });
+}
+const dark = matchMedia("(prefers-color-scheme: dark)");
+const theme = (/** @type {string} */ name) => {
+  document.documentElement.dataset.theme = name;
+  plots.redraw();
+  track.draw();
+  region.draw();
+  if (!at("law").hidden) talk.ask("law", about());
+};
+theme(localStorage.getItem("theme") ?? (dark.matches ? "dark" : "light"));
+at("theme").addEventListener("click", () => {
+  const name = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
+  localStorage.setItem("theme", name);
+  theme(name);
+});
+addEventListener("keydown", (event) => {
+  if (!event.ctrlKey && !event.metaKey) return;
+  const typing = /** @type {HTMLElement} */ (document.activeElement)?.tagName === "TEXTAREA";
+  if (event.key === "s") { event.preventDefault(); save(); }
+  else if (!typing && event.key === "z") { event.preventDefault(); state.undo(); }
+  else if (!typing && event.key === "y") { event.preventDefault(); state.redo(); }
+});

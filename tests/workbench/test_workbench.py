@@ -1,0 +1,356 @@
+"""What the workbench says is what a script gets: curves, sliders, law, region, text, files."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from workbench_frames import answered
+
+from slipctl import BadInput, registry, simulate
+from slipctl.study import resolve
+from slipctl.workbench import curves, gain_regions, laws, saved_files, sliders, texts
+from slipctl.workbench.answers import KINDS, Answers
+from slipctl.workbench.desk import Desk, command_of
+
+METRO = registry.folder("models") / "vehicle" / "files" / "metro.toml"
+TEXT = METRO.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def subway() -> Desk:
+    return Desk("subway_braking:sta", compile=False)
+
+
+@pytest.fixture
+def metro(tmp_path, monkeypatch) -> Desk:
+    shutil.copy(METRO, tmp_path / "metro.toml")
+    monkeypatch.chdir(tmp_path)
+    return Desk("metro.toml:super_twisting", tmp_path, compile=False)
+
+
+# ---- a run --------------------------------------------------------------------------------------
+
+
+def test_a_run_on_the_page_is_the_run_of_a_script(subway):
+    """Every axis of a curve keeps its extremes, and the parts before the end are its beginning."""
+    found = answered(Answers(subway), kind="run", numbers={"ctl.law.k1": 31.0})
+    runs = [(h, c) for h, c in found if "rows" in h]
+    head, columns = runs[-1]
+    rig = subway.rig()
+    log = simulate(rig.loop.with_params(**{"ctl.law.k1": 31.0}), rig.case.scenario, compile=False)
+    panels = {p["name"]: p for p in head["panels"]}
+    assert list(panels) == ["speed", "slip", "torque", "adhesion", "distance"]
+    assert panels["torque"]["unit"] == "kN m"
+    names = [(p["name"], s["name"]) for p in head["panels"] for s in p["series"]]
+    shown = dict(zip(names, columns[1:], strict=True))
+    slip, torque = log["plant.wheel.v_s"].values, log["plant.brake.T_b"].values / 1e3
+    for column, values in (
+        (shown["slip", "slip"], slip),
+        (shown["torque", "at the wheel"], torque),
+    ):
+        assert column.max() == pytest.approx(values.max(), rel=1e-6)
+        assert column.min() == pytest.approx(values.min(), rel=1e-6, abs=1e-9)
+    v, rim = shown["speed", "vehicle"] / 3.6, shown["speed", "rim"] / 3.6
+    assert (v - rim).max() == pytest.approx(slip.max(), rel=2e-2)
+    assert head["share"] == 1.0
+    assert all(a["share"] <= b["share"] for (a, _), (b, _) in pairwise(runs))
+    for early, cut in runs[:-1]:
+        last = cut[0][-1]
+        assert early["share"] == pytest.approx(last / log["time"].values[-1], abs=0.01)
+    metrics = {m["key"]: m for m in found[-1][0]["metrics"]}
+    moved = rig.measured.metrics(rig.measured.prepared({"ctl.law.k1": 31.0}))
+    assert metrics["distance"]["value"] == moved["distance"].value
+    assert found[-1][0]["command"].endswith("--set 'ctl.law.k1=31.0 m^.5/s^1.5'")
+
+
+def test_compiled_code_takes_over_with_the_same_bits(subway):
+    from slipctl.run import build
+
+    if build.compiler() is None:
+        pytest.skip("no C compiler")
+    rig = Desk("subway_braking:sta").rig().wait()
+    assert rig.compiled
+    slow = subway.rig().measured.prepared({"ctl.law.k1": 17.0})
+    fast = rig.measured.prepared({"ctl.law.k1": 17.0})
+    assert all(slow[n].tobytes() == fast[n].tobytes() for n in fast)
+
+
+def test_an_event_that_never_came_is_above_its_limit():
+    from slipctl.run.metrics import Metric
+    from slipctl.workbench.findings import metric_rows
+
+    rows = {r["key"]: r for r in metric_rows(
+        {"stopping_distance": Metric(None, "m"), "lock_time": Metric(0.2, "s")},
+        {"stopping_distance": 140.0, "lock_time": 0.3, "slip_max": 1.0})}  # fmt: skip
+    assert rows["stopping_distance"]["kept"] is False
+    assert rows["stopping_distance"]["shown"] == "never"
+    assert rows["lock_time"]["kept"] is True
+    assert rows["slip_max"]["kept"] is False
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=300), st.integers(1, 40))
+def test_thinned_curves_keep_every_extreme(values, stretches):
+    y = np.array(values)
+    t, thin = curves.thin_columns([np.arange(y.size) * 0.1, y], stretches)
+    assert len(t) == len(thin) <= max(2 * stretches, y.size)
+    assert thin.max() == y.max()
+    assert thin.min() == y.min()
+    assert (np.diff(t) >= 0).all()
+
+
+# ---- numbers ------------------------------------------------------------------------------------
+
+
+def test_sliders_are_what_may_be_moved_within_its_range(subway, metro):
+    for desk in (subway, metro):
+        found = {s.name: s for s in desk.rig().sliders}
+        assert not {"T", "omega_start", "plant.adh.c"} & set(found), (
+            "tick, derived, set by the rail"
+        )
+        for s in found.values():
+            low, high = (-math.inf if s.lo is None else s.lo), (math.inf if s.hi is None else s.hi)
+            assert low <= s.left <= s.value <= s.right <= high
+            assert s.left < s.right
+        assert found["m"].unit == "kg"
+    assert next(iter(subway.rig().sliders)).group == "law"
+
+
+@pytest.mark.parametrize(
+    ("numbers", "said"),
+    [({"ctl.law.k1": -1.0}, "outside"), ({"nobody": 1.0}, "no number that can be moved"),
+     ({"ctl.law.k1": "1"}, "no number"), ({"ctl.law.k1": math.nan}, "no number"),
+     ({"ctl.law.k1": True}, "no number"), ([1], "no table")],
+)  # fmt: skip
+def test_numbers_of_a_page_are_checked(subway, numbers, said):
+    with pytest.raises(BadInput, match=said):
+        sliders.check_numbers(numbers, subway.rig().sliders)
+
+
+@given(st.floats(-1e3, 1e3), st.floats(0, 1e4), st.floats(0, 1e4))
+def test_a_slider_lies_within_its_range_and_holds_its_number(value, below, above):
+    lo, hi = value - below, value + above + 1e-3
+    left, right, by_ratio = sliders.ends_of_slider(value, lo, hi)
+    assert lo <= left < right <= hi
+    assert left <= value <= right
+    assert left > 0 or not by_ratio
+
+
+# ---- the law ------------------------------------------------------------------------------------
+
+
+def test_peak_and_slope_of_a_law_are_those_of_its_formula():
+    c, a, b = 0.8, 0.54, 1.2
+    law = laws.law_of_text(
+        f"mu = c*(exp(-a*v_s) - exp(-b*v_s)) where v_s [m/s], c = {c}, a = {a} s/m, b = {b} s/m"
+    )
+    view = laws.law_view(law)
+    at = math.log(b / a) / (b - a)
+    (curve,) = view["curves"]
+    assert curve["peak_at"] == pytest.approx(at, rel=1e-9)
+    assert curve["peak"] == pytest.approx(c * (math.exp(-a * at) - math.exp(-b * at)), rel=1e-9)
+    assert curve["slope"] == pytest.approx(c * (b - a), rel=1e-12)
+    assert view["equations"][0][0] == "<mrow><mi>μ</mi></mrow>"
+
+
+def test_peak_of_a_law_that_is_negative_in_braking():
+    """Zhang 2021: lam* = ln(a0 a1/a2)/a1, of the dry rail of section 5.1."""
+    a0, a1, a2 = 0.3546, 23.129, 0.1246
+    law = laws.law_of_text("burckhardt")
+    dry = next(c for c in laws.law_view(law)["curves"] if c["name"] == "dry")
+    at = math.log(a0 * a1 / a2) / a1
+    assert dry["peak_at"] == pytest.approx(at, rel=1e-9)
+    assert dry["peak"] == pytest.approx(-(a0 * (1 - math.exp(-a1 * at)) - a2 * at), rel=1e-9)
+    assert dry["slope"] == pytest.approx(-(a0 * a1 - a2), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["mu = __import__('os').system('touch made') where v_s [m/s]",
+     "mu = open('made') where v_s [m/s]",
+     "mu = v_s.__class__ where v_s [m/s]", "mu = (lambda: 1)() where v_s [m/s]",
+     "x = 3*y where y [m]", "mu = 9**9**9**9*v_s where v_s [m/s]", "(" * 3000, "no_such_law"],
+)  # fmt: skip
+def test_an_expression_is_never_run_as_python(subway, tmp_path, monkeypatch, text):
+    monkeypatch.chdir(tmp_path)
+    ((head, _),) = answered(Answers(subway), kind="law", law=text)
+    assert head["faults"]
+    assert not any("fault of slipctl" in line for line in head["faults"])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_python_is_loaded_only_where_it_was_named(metro, monkeypatch):
+    (metro.folder / "own.py").write_text(
+        "from pathlib import Path\nPath('made').touch()\n"
+        "from slipctl.models.subway_braking import double_exponential as own\n"
+    )
+    monkeypatch.setattr(resolve, "ONLY", [])
+    resolve.load_only([])
+    text = TEXT.replace('law = "exponential_tail"', 'law = "own.py:own"')
+    faults = texts.faults_of_text("metro.toml", text)
+    assert "was not named at the start" in faults[0]["text"]
+    ((head, _),) = answered(Answers(metro), kind="law", law="own.py:own")
+    assert "was not named" in head["faults"][0]
+    assert not Path("made").exists()
+    resolve.load_only(["own.py"])
+    answered(Answers(metro), kind="law", law="own.py:own")
+    assert Path("made").exists()
+
+
+# ---- certificates -------------------------------------------------------------------------------
+
+
+def test_each_point_of_a_region_is_the_certificate_of_its_loop(subway):
+    """Also where a bound depends on the gains: the map of certify keeps those of one point."""
+    rig = subway.rig()
+    gains = gain_regions.gains_by_name(rig)
+    axes, *rows = [r for r in gain_regions.region_rows(rig, gains, {}, points=3) if r]
+    assert axes["movable"] == {"k1": "ctl.law.k1", "k2": "ctl.law.k2"}
+    seen = set()
+    for row, y in zip(rows, axes["y"]["values"], strict=True):
+        for x, verdict in zip(axes["x"]["values"], row["verdicts"], strict=True):
+            at = {"ctl.law.k1": x, "ctl.law.k2": y}
+            assert gain_regions.verdict_of_gains(rig, gains, at)["verdict"] == verdict
+            seen.add(verdict)
+    assert len(seen) > 1
+
+
+def test_a_loop_without_certificate_says_why(metro):
+    rig = metro.rig(loop="predictive")
+    assert "solution of a program" in gain_regions.certificates_of_rig(rig)["why"]
+    with pytest.raises(BadInput, match="solution of a program"):
+        gain_regions.gains_by_name(rig)
+
+
+# ---- the text -----------------------------------------------------------------------------------
+
+
+def test_faults_stand_at_their_lines():
+    text = TEXT.replace("axles = 4", "axels = 4").replace('"38 t"', '"38 kW"')
+    lines = text.split("\n")
+    found = {lines[f["line"] - 1].split()[0]: f["text"] for f in
+             texts.faults_of_text("metro.toml", text)}  # fmt: skip
+    assert "did you mean 'axles'" in found["axels"]
+    assert "another dimension" in found["mass"]
+    assert texts.faults_of_text("metro.toml", TEXT) == []
+
+
+def test_a_text_that_is_no_toml_has_a_fault_at_a_line():
+    for text in ("[[", TEXT + "\n[[", TEXT.replace("seed = 1", "seed = = 1")):
+        (fault,) = texts.faults_of_text("metro.toml", text)
+        assert 1 <= fault["line"] <= text.count("\n") + 1
+
+
+def offered(text: str, row: str) -> list[str]:
+    lines = text.split("\n")
+    line = next(k for k, told in enumerate(lines, 1) if told.startswith(row))
+    return [c["insert"] for c in texts.completions(text, line)]
+
+
+def test_completion_offers_what_is_declared():
+    assert '"sta"' in offered(TEXT, 'kind = "sta"')
+    assert set(offered(TEXT, 'kind = "lag"')) == {'"lag"', '"valve"'}
+    assert offered(TEXT, "mass") == ['"1 kg"']
+    keys = offered(TEXT.replace('k2 = "10 m/s^3"', "?"), "?")
+    assert "k2 = " in keys
+    assert "k1 = " not in keys, "it is there already"
+    assert "[limits]" in offered(TEXT, "[rail]")
+
+
+@settings(max_examples=20)
+@given(st.data())
+def test_no_edit_of_a_text_is_a_traceback(data):
+    """Lines cut, doubled, swapped, letters changed: faults, or none, and completions."""
+    text = TEXT
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(text)))
+        many = data.draw(st.integers(0, 12))
+        text = text[:at] + data.draw(st.text(max_size=6)) + text[at + many :]
+    for fault in texts.faults_of_text("metro.toml", text):
+        assert fault["text"]
+        assert 0 <= fault["line"] <= text.count("\n") + 1
+    texts.completions(text, data.draw(st.integers(-1, text.count("\n") + 3)))
+
+
+@given(st.floats(1.0, 1e6))
+def test_a_value_is_changed_and_nothing_else(value):
+    made = texts.with_value(TEXT, ("vehicle", "mass"), f'"{value!r} kg"')
+    pairs = [(a, b) for a, b in zip(TEXT.split("\n"), made.split("\n"), strict=True) if a != b]
+    ((before, after),) = pairs
+    assert after.startswith(f'mass = "{value!r} kg"')
+    assert after.endswith('# or tare = "28 t" and load = "10 t"')
+    assert before.startswith("mass")
+
+
+@pytest.mark.parametrize("keys", [("vehicle", "nothing"), ("vehicle",), ("rail", "sections")])
+def test_what_has_no_line_of_its_own_is_not_changed(keys):
+    with pytest.raises(BadInput):
+        texts.with_value(TEXT, keys, "3")
+
+
+# ---- files --------------------------------------------------------------------------------------
+
+
+def test_saving_writes_the_number_at_its_key_and_keeps_comments(metro):
+    numbers = {"ctl.law.law.k1": 25.0, "tau": 0.08}
+    done = saved_files.save_desk(metro, "", metro.text, numbers)
+    text = Path("metro.toml").read_text(encoding="utf-8")
+    changed = [b for a, b in zip(TEXT.split("\n"), text.split("\n"), strict=True) if a != b]
+    assert changed == ['lag = "0.08 s"', 'k1 = "25 m^.5/s^1.5"']
+    assert done["notes"] == ["tau in the file sets ctl.trust.react too"]
+    again = Desk("metro.toml:super_twisting", compile=False).rig().loop.param_values()
+    assert float(again["ctl.law.law.k1"]) == 25.0
+    assert float(again["tau"]) == pytest.approx(0.08)
+
+
+def test_a_number_without_a_key_is_refused_and_nothing_written(metro):
+    with pytest.raises(BadInput, match=r"no key of metro\.toml sets ctl\.estimator\.gate"):
+        saved_files.save_desk(metro, "", metro.text, {"ctl.estimator.gate": 5.0})
+    assert Path("metro.toml").read_text(encoding="utf-8") == TEXT
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../other.toml", "/tmp/other.toml", "sub/../../x.toml", "own.py", "x\0.toml", "there.toml"],
+)
+def test_files_are_written_in_the_folder_alone_and_over_no_other(metro, name):
+    (metro.folder / "there.toml").write_text("")
+    before = sorted(p for p in metro.folder.parent.rglob("*"))
+    with pytest.raises((BadInput, ValueError)):
+        saved_files.save_desk(metro, name, metro.text, {})
+    assert sorted(p for p in metro.folder.parent.rglob("*")) == before
+
+
+def test_a_link_out_of_the_folder_is_no_way_out(metro, tmp_path_factory):
+    other = tmp_path_factory.mktemp("other")
+    (metro.folder / "out").symlink_to(other)
+    with pytest.raises(BadInput, match="outside"):
+        metro.within("out/x.toml")
+
+
+def test_the_command_repeats_what_is_shown(metro):
+    said = command_of(metro, {"m": 40e3}, metro.rig().sliders)
+    assert said == ("slipctl run metro.toml --loop super_twisting --set 'm=40000.0 kg'")
+
+
+# ---- questions ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "nothing", ""])
+@pytest.mark.parametrize(
+    "more",
+    [{"text": 3}, {"loop": ["a"]}, {"numbers": 7}, {"loop": "nobody", "keys": 1, "line": "a"}],
+)
+def test_a_question_that_makes_no_sense_is_answered_in_words(metro, kind, more):
+    if kind in ("model", "law", "text", "doubts", "c", "effects") and "numbers" in more:
+        pytest.skip("it takes no numbers, or runs long")
+    metro.rig = lambda *given: (_ for _ in ()).throw(BadInput("no loop"))  # type: ignore[method-assign]
+    for head, _ in answered(Answers(metro), kind=kind, **more):
+        for line in head.get("faults", []):
+            assert "fault of slipctl" not in line, line
