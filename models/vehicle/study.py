@@ -8,6 +8,7 @@ from typing import Any
 from slipctl.models.vehicle.certificate import axle_loops
 from slipctl.models.vehicle.certificate.gains import gains, reasons_without_certificate
 from slipctl.models.vehicle.parts import Trip, number_with_unit
+from slipctl.models.vehicle.plausibility import unusual_numbers
 from slipctl.models.vehicle.trip import case
 from slipctl.run.roles import Signals
 from slipctl.run.sweep.ensemble import Ensemble
@@ -92,7 +93,7 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
         ensembles=ensembles, gains=(*gains(trip), *axle_loops.gains(trip)),
         uncertified=axle_loops.reasons_without_certificate(trip, reasons_without_certificate(trip)),
-        without_effect=tuple(parts_without_effect(trip)),
+        without_effect=(*parts_without_effect(trip), *unusual_numbers(trip)),
         figures={
             "speeds": Figure("Speed of the vehicle and of a rim", _speeds),
             "slip": Figure("Slip and torque of one axle, and the distance", _slip),

@@ -16,7 +16,7 @@ class Davis(Part):
     """Running resistance a + b v + c v^2 of the whole vehicle, or by its mass, as "12 N/t"."""
 
     kind: Literal["davis"] = "davis"
-    a: float = number("N", 0.0, "constant part", lo=0, hi=1e7, by="kg")
+    a: float = number("N", 0.0, "constant part", lo=0, hi=1e6, by="kg")
     b: float = number("N s/m", 0.0, "linear part", lo=0, hi=1e6, by="kg")
     c: float = number("N s^2/m^2", 0.0, "quadratic part", lo=0, hi=1e5, by="kg")
 
@@ -30,13 +30,20 @@ _LENGTHS = ("wheelbase", "bogie_centres", "wheelbase", "car_length")
 """What an axle's distance to the next one follows from, in turn."""
 
 
+AXLE_LOAD = (100.0, 5e4)
+"""kg on an axle that its equations are for."""
+
+INERTIA = (1.0, 5e3)
+"""kg m^2 of a wheelset that its equations are for."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Vehicle(Part):
     """A vehicle: mass, axles and their places, wheels, resistance, and its speed at the start."""
 
     mode: Literal["brake", "drive"] = text_field("brake", "whether its wheels are braked or driven")
-    mass: float | None = number("kg", None, "mass; or tare and load", lo=100, hi=1e8)
-    tare: float | None = number("kg", None, "mass without load", lo=100, hi=1e8)
+    mass: float | None = number("kg", None, "mass; or tare and load", lo=1e3, hi=1e8)
+    tare: float | None = number("kg", None, "mass without load", lo=1e3, hi=1e8)
     load: float = number("kg", 0.0, "load, on top of tare", lo=0, hi=1e8)
     axles: int = number("1", 4, "how many axles", lo=1, hi=32)
     wheelbase: float = number("m", 2.1, "between the axles of a bogie", lo=0, hi=30)
@@ -52,7 +59,7 @@ class Vehicle(Part):
         "m", 0.42, "of the wheels, or of each axle", lo=0.2, hi=1
     )
     inertia: float | None = number(
-        "kg m^2", None, "of one wheelset with all that turns with it", lo=0.1, hi=1e5
+        "kg m^2", None, "of one wheelset with all that turns with it", lo=INERTIA[0], hi=INERTIA[1]
     )
     rotating_mass: float | None = number(
         "1", None, "share of the mass without load, instead of the inertia", lo=1e-3, hi=1
@@ -103,6 +110,18 @@ class Vehicle(Part):
                     ),
                 )
                 break
+        load, (least, most) = self.total / self.axles, AXLE_LOAD
+        if self.total and not least <= load <= most:
+            name = "mass" if self.mass is not None else "tare"
+            yield name, f"an axle carries {load:.4g} kg; it must be {least:g} .. {most:g} kg"
+        if self.rotating_mass is not None and not INERTIA[0] <= self.wheel_inertia <= INERTIA[1]:
+            yield (
+                "rotating_mass",
+                (
+                    f"the inertia of a wheelset is {self.wheel_inertia:.4g} kg m^2; it must be"
+                    f" {INERTIA[0]:g} .. {INERTIA[1]:g} kg m^2"
+                ),
+            )
         turning = sum(self.wheel_inertia / r**2 for r in radii)
         if self.inertia is not None and self.total and turning > self.total:
             yield (
