@@ -1,8 +1,8 @@
 """Valid calls of the public names that take long or write files, and random wrong ones of all.
 
 ``python tests/fuzz/heavy_calls.py --calls 100 --seed 1`` draws so many wrong calls of each public
-name: one to three arguments are replaced, one is added or left out. Whatever comes out but BadInput,
-RunFailed or Python's own word on a signature is foreign, and so is a hang.
+name: one to three arguments are replaced, one is added or left out. Whatever comes out but
+BadInput, RunFailed or Python's own word on a signature is foreign, and so is a hang.
 """
 
 from __future__ import annotations
