@@ -15,6 +15,7 @@ from slipctl.errors import (
     BadInput,
     Faults,
     check_number,
+    check_texts,
     check_whole,
     nearest,
     refuse_unknown_choice,
@@ -125,6 +126,7 @@ class Signal:
     judged: bool = False
 
     def __post_init__(self) -> None:
+        check_texts("a signal", self, "role", "doc", "source", "name", "axis")
         if self.unit in KINDS:
             self._typed()
         for what, given, choices in (
