@@ -8,6 +8,8 @@ from slipctl.models.vehicle import (
     Constant,
     DemandAlone,
     Lag,
+    SlipLaw,
+    SlipSpeed,
     Stretch,
     Track,
     Trip,
@@ -94,3 +96,19 @@ def test_bearings_slow_a_wheelset_in_proportion_to_its_speed():
     J = float(block.param_values()["J"])
     assert rate[0] - rate[1] == pytest.approx(3.0 * 2.0 / J)
     assert rate[0] - rate[2] == pytest.approx(3.0 * 50.0 / J)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("tau", 0.3), ("T_max", 5e3), ("J", 200.0), ("g", 9.0)]
+)
+def test_a_number_of_the_vehicle_is_one_number_in_all_of_its_loop(name, value):
+    """Whoever has it is told: plant, demand, controller and sensors."""
+    one = trip(
+        Vehicle(mass=38e3, inertia=110.0, speed=3.0),
+        controllers={"none": SlipLaw(kind="pid", gains={"K": 50.0})},
+        reference=SlipSpeed(slip=0.5),
+    )
+    made = case(one).loops["none"].with_params(**{name: value})
+    places = {n: v for n, v in made.values_by_place().items() if n.rpartition(".")[2] == name}
+    assert len(places) > 2
+    assert {float(np.max(v)) for v in places.values()} == {value}
