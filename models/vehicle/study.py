@@ -25,7 +25,8 @@ LOG = (
     "slip.y", "plant.T", "plant.T_cmd", "demand.T_demand", "demand.wanted", "ctl.T_cmd",
     "ctl.watch.on", "ctl.probe.reference", "ctl.reference.v_best", "ctl.slip.v_s", "ctl.meter.mu_m",
     "ctl.curve.mu", "speed.y", "speed.v_m", "speed.error", "speed.sound", "radius.r_i",
-    "radius.known", "wheel.y", "wheel.omega_m",
+    "radius.known", "wheel.y", "wheel.omega_m", "plant.field.recovered", "plant.field.height",
+    "plant.field.W_seen", "plant.train.P_contact",
 )  # fmt: skip
 """Signals that a log keeps of every loop."""
 
@@ -60,6 +61,17 @@ def parts_without_effect(trip: Trip) -> Iterator[str]:
         yield f"demand.until: {until} is not before the end of the run, {trip.duration:g} s"
 
 
+NO_LAYER = (
+    "the rail is contaminated, and no certificate bounds an adhesion that wheels change; leave out"
+    " [rail.contamination] and name the layer as a rail condition"
+)
+
+
+def reasons(trip: Trip) -> dict[str, str]:
+    """Why a controller has no certificate, by its name."""
+    return axle_loops.reasons_without_certificate(trip, reasons_without_certificate(trip))
+
+
 def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own") -> Study:
     """Make the study of a trip, which ``slipctl run`` runs.
 
@@ -87,12 +99,15 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         f" {vehicle.total / 1e3:g} t on {vehicle.axles} axles, at the start at"
         f" {3.6 * vehicle.speed:.4g} km/h."
     )
+    if trip.rail.contamination is None:
+        proved, unproved = (*gains(trip), *axle_loops.gains(trip)), reasons(trip)
+    else:
+        proved, unproved = (), dict.fromkeys(trip.controllers, NO_LAYER)
     return Study(
         name=name, title=trip.title, source=source, doc=doc, cases=cases,
         signals=replace(SIGNALS, mirrored=vehicle.mode == "drive"),
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
-        ensembles=ensembles, gains=(*gains(trip), *axle_loops.gains(trip)),
-        uncertified=axle_loops.reasons_without_certificate(trip, reasons_without_certificate(trip)),
+        ensembles=ensembles, gains=proved, uncertified=unproved,
         without_effect=(*parts_without_effect(trip), *unusual_numbers(trip)),
         figures={
             "speeds": Figure("Speed of the vehicle and of a rim", _speeds),
