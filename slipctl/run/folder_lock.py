@@ -13,6 +13,21 @@ except ImportError:  # Windows: a folder cannot be locked there
     fcntl = None  # type: ignore[assignment]
 
 
+_HELD: set[int] = set()
+"""Handles of this process. A process that is forked of it gives them up: a worker that outlives its
+parent keeps nobody out."""
+
+
+def _give_up() -> None:
+    for handle in _HELD:
+        os.close(handle)
+    _HELD.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_give_up)
+
+
 class FolderLock:
     """Lock of a folder, until it is closed or the process ends, whatever ends it.
 
@@ -43,10 +58,12 @@ class FolderLock:
             os.close(handle)
         else:
             self._handle = handle
+            _HELD.add(handle)
 
     def close(self) -> None:
         """Let others write."""
-        if self._handle is not None:
+        if self._handle in _HELD:
+            _HELD.remove(self._handle)
             os.close(self._handle)
         self._handle = None
 

@@ -1,16 +1,21 @@
 """A store that is full or damaged is told in one line, whatever is wrong with it."""
 
+import os
 import sqlite3
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from slipctl.commands.cli import main
 from slipctl.errors import BadInput
+from slipctl.run.folder_lock import FolderLock
 from slipctl.run.metrics import Metric
 from slipctl.run.sweep import sweep_store as stores
 
+TOY = Path(__file__).parents[1] / "toy_study.py"
 ABOUT = {"format": 1, "samples": 3, "axes": [], "study": "s", "loop": "l", "logs": ["v"]}
 
 
@@ -144,3 +149,29 @@ def test_who_comes_second_is_refused_while_the_first_writes(tmp_path):
     )
     subprocess.run([sys.executable, "-c", code], check=False)
     stores.begin(tmp_path, ABOUT).close()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that fork")
+def test_a_worker_that_outlives_its_parent_keeps_nobody_out(tmp_path):
+    lock = FolderLock(tmp_path)
+    reading, writing = os.pipe()
+    child = os.fork()
+    if not child:
+        os.read(reading, 1)  # as long as the parent lets it
+        os._exit(0)
+    try:
+        with pytest.raises(BadInput, match="another slipctl writes"):
+            FolderLock(tmp_path)
+        lock.close()
+        FolderLock(tmp_path).close()
+    finally:
+        os.write(writing, b"x")
+        os.waitpid(child, 0)
+
+
+def test_a_run_is_refused_while_another_writes_its_folder(tmp_path, capsys):
+    with FolderLock(tmp_path):
+        assert main(["-q", "run", str(TOY), "--quick", "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+    assert main(["-q", "run", str(TOY), "--quick", "--out", str(tmp_path)]) == 0
