@@ -1,7 +1,9 @@
 """A vehicle of one's own, put together from parts: numbers in, closed loops out."""
 
 from slipctl.models.vehicle.parts import (
+    Car,
     Constant,
+    Contamination,
     Davis,
     DemandAlone,
     Exact,
@@ -10,6 +12,8 @@ from slipctl.models.vehicle.parts import (
     NoisySpeed,
     NoisyWheel,
     OwnLaw,
+    Pads,
+    Patch,
     Predictive,
     Profile,
     Searched,

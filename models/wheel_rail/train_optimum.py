@@ -1,13 +1,13 @@
 """The best that a whole train can do: leading axles slide more and clean for those behind.
 
 Over one rail point the axles pass one after the other at nearly one speed, so the best slips are a
-dynamic programme over the axles. With m axles behind and the energy W found,
+dynamic program over the axles. With m axles behind and the energy W found,
 
     V_m(W) = max over e <= e_max of  f(e, W) + V_(m-1)(W + N f e),    V_(-1) = 0
 
 whose inner optimum keeps  -(df/de)/f = L N/(1 + L N e), L = V_(m-1)'. An axle has two good slips,
 one near its peak and one at its limit; a search from anywhere else ends in the wrong one. From the
-programme a nonlinear programme over all axles and cells finds what is left, mostly 1e-4.
+program a nonlinear program over all axles and cells finds what is left, mostly 1e-4.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ LEAST = 1e-5
 
 
 @dataclass(frozen=True)
-class Programme:
+class Program:
     """Best slips at one speed, by how many axles follow and by the energy found.
 
     Attributes:
@@ -45,7 +45,7 @@ class Programme:
         )
 
 
-def programme(train: SlidingTrain, v: float, axles: int | None = None) -> Programme:
+def program(train: SlidingTrain, v: float, axles: int | None = None) -> Program:
     """Best slips at a speed in m/s; with ``axles`` = 1 each axle's own, the greedy ones."""
     e = np.concatenate([[LEAST], np.geomspace(1e-4, train.slip, 400)])
     n = train.axles if axles is None else axles
@@ -64,12 +64,12 @@ def programme(train: SlidingTrain, v: float, axles: int | None = None) -> Progra
         value = total[rows, best]
         slips.append(e[best])
         values.append(value)
-    return Programme(W, np.array(slips), np.array(values))
+    return Program(W, np.array(slips), np.array(values))
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Slips by the programme, over speed: of the whole train, or of each axle by itself.
+    """Slips by the program, over speed: of the whole train, or of each axle by itself.
 
     Attributes:
         train: the train.
@@ -86,9 +86,9 @@ class Rule:
         return np.linspace(0.5, self.fastest, 2 * max(2, round(self.fastest)))
 
     @cached_property
-    def _programmes(self) -> list[Programme]:
+    def _programs(self) -> list[Program]:
         many = 1 if self.greedy else None
-        return [programme(self.train, float(v), many) for v in self._speeds]
+        return [program(self.train, float(v), many) for v in self._speeds]
 
     @cached_property
     def _clean(self) -> np.ndarray:
@@ -103,7 +103,7 @@ class Rule:
         k = int(np.abs(self._speeds - v).argmin())
         n = self.train.axles
         behind = np.zeros(n, int) if self.greedy else np.arange(n - 1, -1, -1)
-        return np.where(fouled, self._programmes[k].slips(behind, W), self._clean[k])
+        return np.where(fouled, self._programs[k].slips(behind, W), self._clean[k])
 
 
 def refined_point(train: SlidingTrain, v: float, slips: np.ndarray) -> tuple[np.ndarray, float]:
@@ -183,12 +183,12 @@ class Optimum:
     Attributes:
         distance: stopping distance in m.
         run: the run that has it.
-        by_programme: distance in m of the slips that the programme over the axles gives.
+        by_program: distance in m of the slips that the program over the axles gives.
     """
 
     distance: float
     run: Stop
-    by_programme: float
+    by_program: float
 
 
 def best_stop(train: SlidingTrain, speed: float, mesh: float = 2.0, cell: float = 0.25) -> Optimum:

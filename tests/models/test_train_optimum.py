@@ -14,7 +14,7 @@ from slipctl.models.wheel_rail.train_optimum import (
     LocalRule,
     Rule,
     best_stop,
-    programme,
+    program,
     refined_point,
 )
 from tests.models.trains_on_layers import G, places
@@ -40,8 +40,8 @@ def passed(t, v, slips):
 
 
 def at_best(t, v):
-    """Slips of the programme from a fouled rail point on."""
-    table, W, slips = programme(t, v), 0.0, []
+    """Slips of the program from a fouled rail point on."""
+    table, W, slips = program(t, v), 0.0, []
     for m in range(t.axles - 1, -1, -1):
         slips.append(float(np.interp(W, table.W, table.slip[m])))
         W = W + t.load * passed(t, v, slips)[0][-1] * slips[-1]
@@ -65,11 +65,11 @@ def test_three_axles_are_those_of_brute_force():
 
 @settings(max_examples=10, deadline=None)
 @given(st.floats(2e-5, 4e-4), st.floats(5.0, 40.0), st.integers(2, 8), st.sampled_from([1.0, 2.0]))
-def test_the_programme_keeps_the_slope_rule(tau, v, axles, layers):
+def test_the_program_keeps_the_slope_rule(tau, v, axles, layers):
     """-(df/de)/f = L N/(1 + L N e) inside; L, the worth of energy, by differences behind."""
     t = train(tuple(2.0 * k for k in range(axles)), tau, layers=layers)
     slips, total = refined_point(t, v, at_best(t, v))
-    assert total >= programme(t, v).value[-1, 0] * (1 - 1e-4)
+    assert total >= program(t, v).value[-1, 0] * (1 - 1e-4)
     f, W = passed(t, v, slips)
 
     def behind(k, energy):
@@ -134,7 +134,7 @@ REFERENCE = pytest.mark.parametrize(
 @pytest.mark.parametrize(
     ("cars", "tau", "stretches", "greedy", "best"), CASES, ids=["O1", "O2", "O3"]
 )
-def test_the_programme_is_within_1e_4_of_the_optimum(cars, tau, stretches, greedy, best):
+def test_the_program_is_within_1e_4_of_the_optimum(cars, tau, stretches, greedy, best):
     t = train(places(cars), tau, stretches=stretches)
     assert stop(t, Rule(t, True, 26.0), 25.0).distance == pytest.approx(greedy, rel=1e-5)
     assert stop(t, Rule(t, False, 26.0), 25.0).distance == pytest.approx(best, rel=1.1e-4)
@@ -148,7 +148,7 @@ def test_the_optimum_to_its_digits(cars, tau, stretches, greedy, best):
     t = train(places(cars), tau, stretches=stretches)
     found = best_stop(t, 25.0, 2.0, 1.0)
     assert found.distance == pytest.approx(best, rel=1e-4)
-    assert found.distance <= found.by_programme
+    assert found.distance <= found.by_program
     assert found.distance >= best * (1 - 5e-5)  # nothing is better than what was found apart
 
 

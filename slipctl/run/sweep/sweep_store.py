@@ -274,7 +274,8 @@ def find(folder: Path) -> Store:
     """
     path = folder / FILE if os.path.isdir(folder) else folder
     if not os.path.isfile(path):
-        raise BadInput(f"there is no sweep in {folder}; slipctl sweep ... --out {folder} makes one")
+        shown = str(folder) if len(str(folder)) <= 200 else f"{str(folder)[:200]}..."
+        raise BadInput(f"there is no sweep in {shown}; slipctl sweep ... --out {shown} makes one")
     found = _opened(path)
     try:
         found.about()
