@@ -35,10 +35,12 @@ def unusual_numbers(trip: Trip) -> Iterator[str]:
     """What of a trip no train has, a line each."""
     vehicle = trip.vehicle
     mass = "vehicle.mass" if vehicle.mass is not None else "vehicle.tare"
-    load = vehicle.total / vehicle.axles
+    mass = "vehicle.cars" if vehicle.cars else mass
+    load = max(vehicle.carried, key=lambda m: max(m / AXLE_LOAD[1], AXLE_LOAD[0] / m))
     if not AXLE_LOAD[0] <= load <= AXLE_LOAD[1]:
         yield f"{mass}: an axle carries {load / 1e3:.3g} t; on rails it is 1.5 to 40 t"
-    turning = sum(vehicle.wheel_inertia / r**2 for r in vehicle.radii) / vehicle.total
+    wheels = zip(vehicle.inertias, vehicle.radii, strict=True)
+    turning = sum(J / r**2 for J, r in wheels) / vehicle.total
     if turning > TURNING:
         name = "inertia" if vehicle.inertia is not None else "rotating_mass"
         yield (

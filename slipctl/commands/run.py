@@ -23,8 +23,8 @@ from typing import Any
 from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput
 from slipctl.run import interrupts, store
-from slipctl.run.folder_lock import FolderLock
 from slipctl.run.results import Results
+from slipctl.run.store import FolderLock
 from slipctl.study import case_setup, claim_scope, execution
 from slipctl.study.cache import Keep, key_of
 from slipctl.study.failure_log import note_failure

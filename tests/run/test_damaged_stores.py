@@ -11,8 +11,8 @@ import pytest
 
 from slipctl.commands.cli import main
 from slipctl.errors import BadInput
-from slipctl.run.folder_lock import FolderLock
 from slipctl.run.metrics import Metric
+from slipctl.run.store import FolderLock
 from slipctl.run.sweep import sweep_store as stores
 
 TOY = Path(__file__).parents[1] / "toy_study.py"
@@ -144,7 +144,7 @@ def test_who_comes_second_is_refused_while_the_first_writes(tmp_path):
     first.close()
     stores.begin(tmp_path, ABOUT).close()
     code = (
-        "import os, sys; from pathlib import Path; from slipctl.run.folder_lock import FolderLock\n"
+        "import os, sys; from pathlib import Path; from slipctl.run.store import FolderLock\n"
         f"lock = FolderLock(Path({str(tmp_path)!r})); os.kill(os.getpid(), 9)"
     )
     subprocess.run([sys.executable, "-c", code], check=False)
@@ -154,12 +154,14 @@ def test_who_comes_second_is_refused_while_the_first_writes(tmp_path):
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that fork")
 def test_a_worker_that_outlives_its_parent_keeps_nobody_out(tmp_path):
     lock = FolderLock(tmp_path)
-    reading, writing = os.pipe()
+    (reading, writing), (told, begun) = os.pipe(), os.pipe()
     child = os.fork()
     if not child:
+        os.write(begun, b"x")
         os.read(reading, 1)  # as long as the parent lets it
         os._exit(0)
     try:
+        os.read(told, 1)
         with pytest.raises(BadInput, match="another slipctl writes"):
             FolderLock(tmp_path)
         lock.close()

@@ -237,23 +237,22 @@ class Vehicle(Part):
                     ),
                 )
                 break
-<<<<<<< HEAD
-        load, (least, most) = self.total / self.axles, AXLE_LOAD
-        if self.total and not least <= load <= most:
-            name = "mass" if self.mass is not None else "tare"
-            yield name, f"an axle carries {load:.4g} kg; it must be {least:g} .. {most:g} kg"
-        if self.rotating_mass is not None and not INERTIA[0] <= self.wheel_inertia <= INERTIA[1]:
+        (least, most), (light, heavy) = AXLE_LOAD, INERTIA
+        for load in self.carried if self.total else ():
+            if not least <= load <= most:
+                name = "cars" if self.cars else "mass" if self.mass is not None else "tare"
+                yield name, f"an axle carries {load:.4g} kg; it must be {least:g} .. {most:g} kg"
+                break
+        odd = [J for J in self.inertias if not light <= J <= heavy]
+        if odd and self.inertia is None and self.rotating_mass is not None:
             yield (
-                "rotating_mass",
+                "cars" if self.cars else "rotating_mass",
                 (
-                    f"the inertia of a wheelset is {self.wheel_inertia:.4g} kg m^2; it must be"
-                    f" {INERTIA[0]:g} .. {INERTIA[1]:g} kg m^2"
+                    f"the inertia of a wheelset is {odd[0]:.4g} kg m^2; it must be"
+                    f" {light:g} .. {heavy:g} kg m^2"
                 ),
             )
-        turning = sum(self.wheel_inertia / r**2 for r in radii)
-=======
         turning = sum(J / r**2 for J, r in zip(self.inertias, radii, strict=True))
->>>>>>> main
         if self.inertia is not None and self.total and turning > self.total:
             yield (
                 "inertia",

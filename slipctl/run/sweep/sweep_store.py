@@ -24,8 +24,8 @@ import numpy as np
 
 from slipctl.errors import BadInput
 from slipctl.run import interrupts, store
-from slipctl.run.folder_lock import FolderLock
 from slipctl.run.metrics import Metric
+from slipctl.run.store import FolderLock
 
 FILE = "sweep.sqlite"
 """Name of the store in the folder of a sweep."""
