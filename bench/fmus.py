@@ -26,9 +26,9 @@ from slipctl.ccode.check.vectors import expected_outputs
 from slipctl.ccode.compile.module import input_rows
 from slipctl.ccode.module.header import bit
 from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.module.shapes import c_elements
 from slipctl.ccode.ship.fmu import VERSIONS, is_plant
 from slipctl.ccode.ship.fmu_xml import Variable, variables
-from slipctl.ccode.tree.shapes import c_elements
 from slipctl.run import store
 from slipctl.study import resolve
 

@@ -8,14 +8,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl import BadInput, Block, argmax
+from slipctl import BadInput, Block, Known, Rail, argmax
 from slipctl.errors import Faults, nearest
 from slipctl.models.common_form import T_S
 from slipctl.models.vehicle.adhesion import law_faults
 from slipctl.models.vehicle.control import numbers_of
 from slipctl.models.vehicle.parts import Contamination, Trip
 from slipctl.models.vehicle.plant import on_train
-from slipctl.models.wheel_rail.rail_memory import EVERYWHERE, Cells, blended_law, rail_field
+from slipctl.models.wheel_rail.rail_memory import EVERYWHERE, Cells, Layer, blended_law, rail_field
 from slipctl.study.resolve import load_block
 
 WHERE = "rail.contamination"
@@ -73,21 +73,21 @@ def field_of_rail(trip: Trip) -> Block | None:
     if part is None:
         return None
     peak = peak_of_layer(layer_law(trip, part), trip.vehicle.speed)
-    cells = Cells(trip.vehicle.behind, part.cell)
-    block = rail_field(
-        cells,
-        T_S,
-        max(len(part.places), 1),
-        part.own,
-        part.drying is not None,
-        part.fouling is not None,
-    ).with_params(tau=part.tau, n=part.layers)
+    sand, behind = part.sand, trip.vehicle.behind
+    nozzles = tuple(behind[k - 1] - sand.ahead for k in sorted(sand.axles)) if sand else ()
+    cells = Cells(behind, part.cell, lead=max(0.0, -min(nozzles, default=0.0)))
+    drawn = trip.ensemble.patches if trip.ensemble else None
+    most = max(len(part.places), drawn.many[1] if drawn else 0, 1)
+    layer = Layer(most, part.own, part.drying is not None, part.fouling is not None, nozzles)
+    block = rail_field(cells, T_S, layer).with_params(tau=part.tau, n=part.layers)
     general = 1.0 if part.peak is None else part.peak / peak
     rows = [
         (p.begin, p.end, general if p.peak is None else p.peak / peak) for p in part.places
     ] or [(-EVERYWHERE, EVERYWHERE, general)]
-    begin, end, factor = (np.array(column) for column in zip(*rows, strict=True))
-    given = {"start": begin, "end": end, "factor": factor}
+    given: dict[str, Any] = dict(_columns(rows, most))
+    if sand is not None:
+        given |= {"rate": sand.rate, "S_0": sand.grip, "carry": sand.carry, "delay": sand.delay,
+                  "v_least": sand.above, "e_slide": sand.slip}  # fmt: skip
     if part.drying is not None:
         given["T_dry"] = part.drying
     if part.fouling is not None:
@@ -95,12 +95,42 @@ def field_of_rail(trip: Trip) -> Block | None:
     return block.with_params(**given)
 
 
+def _columns(rows: Sequence[tuple[float, float, float]], most: int) -> dict[str, np.ndarray]:
+    """Begin, end and factor of places as the field has them, with empty ones up to the most."""
+    empty = [(EVERYWHERE, EVERYWHERE, 1.0)] * (most - len(rows))
+    columns = zip(*[*rows, *empty], strict=True)
+    return {k: np.array(v) for k, v in zip(("start", "end", "factor"), columns, strict=True)}
+
+
+def patches_of_seed(trip: Trip) -> Callable[[int], dict[str, np.ndarray]] | None:
+    """Function from the seed of a draw to the places of the field; None where none are drawn."""
+    drawn = trip.ensemble.patches if trip.ensemble else None
+    part, field = trip.rail.contamination, field_of_rail(trip)
+    if drawn is None or part is None or field is None:
+        return None
+    peak, most = (
+        peak_of_layer(layer_law(trip, part), trip.vehicle.speed),
+        field.params["start"].size,
+    )
+
+    def patches(seed: int) -> dict[str, np.ndarray]:
+        random = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 42])))
+        many = int(random.integers(drawn.many[0], drawn.many[1] + 1))
+        begin = np.sort(random.uniform(drawn.begin, drawn.end, many))
+        length = random.uniform(*drawn.length, many)
+        factor = random.uniform(*drawn.peak, many) / peak
+        rows = list(zip(begin, begin + length, factor, strict=True))
+        return {f"plant.field.{k}": v for k, v in _columns(rows, most).items()}
+
+    return patches
+
+
 # ---- what the rail carries -----------------------------------------------------------------------
 
 SHARES = np.linspace(0.0, 1.0, 65)
 """Shares of the clean curve in the blend at which its peak is looked for."""
 
-READS = ("plant.train.v", "plant.field.recovered", "plant.field.height")
+READS = ("plant.train.v", "plant.field.recovered", "plant.field.height", "plant.train.x", "time")
 """Signals that the peak of the rail follows from."""
 
 
@@ -138,24 +168,28 @@ class Peaks:
         return self.slips[k, j], both * peak
 
 
-def peaks_under_axles(
-    trip: Trip, clean: Block, conditions: Sequence[str], section: Callable[[Any], np.ndarray]
-) -> Callable[[Any], tuple[np.ndarray, np.ndarray]]:
-    """Function of a log: best slip in m/s and peak under each axle, of a contaminated rail.
+def best_of_layer(trip: Trip, clean: Block, track: Rail) -> dict[str, Known]:
+    """Best slip and adhesion under each axle of a contaminated rail, which follow from the log.
 
     Args:
-        trip: the trip.
-        clean: law of its rail.
-        conditions: of the sections of the rail, in their order.
-        section: number of the section under each axle, from a log.
+        trip: the trip. clean: law of its rail. track: its rail, with the conditions of ``clean``.
     """
-    law = contaminated_law(trip, clean)
+    conditions = [s.condition or "" for s in track.sections]
+    law, behind = contaminated_law(trip, clean), trip.vehicle.behind
     known = {c: Peaks(law, c, trip.vehicle.speed) for c in dict.fromkeys(conditions)}
+    worked = list(trip.vehicle.worked)
+
+    def section(log: Any, shape: tuple[int, ...]) -> np.ndarray:
+        """Number of the section under each axle."""
+        at = np.broadcast_to(np.asarray(log["time"], dtype=float)[:, None], shape)
+        if trip.rail.placed:
+            at = np.asarray(log["plant.train.x"], dtype=float)[:, None] - np.array(behind)
+        return np.maximum(np.searchsorted(track.starts, at + 1e-9, side="right") - 1, 0)
 
     def found(log: Any) -> tuple[np.ndarray, np.ndarray]:
-        v, share, height = (np.asarray(log[name], dtype=float) for name in READS)
+        v, share, height = (np.asarray(log[name], dtype=float) for name in READS[:3])
         v = np.broadcast_to(np.abs(v)[:, None], share.shape)
-        here = section(log)
+        here = section(log, share.shape)
         slip, peak = np.zeros(share.shape), np.zeros(share.shape)
         for k, condition in enumerate(conditions):
             there = here == k
@@ -164,4 +198,10 @@ def peaks_under_axles(
             )
         return slip, peak
 
-    return found
+    return {
+        "rail.best_slip": Known(
+            "m/s", lambda log: found(log)[0][:, worked], "best slip, as the rail has it",
+            tuple(behind[k] for k in worked), READS),
+        "rail.best_adhesion": Known("1", lambda log: found(log)[1], "peak of the rail", behind,
+                                    READS),
+    }  # fmt: skip

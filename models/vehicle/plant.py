@@ -236,4 +236,5 @@ def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None
         parts["field"] = field
         wires |= {"field.at": "train.at", "field.way": "train.way", "field.P": "train.P_contact"}
         wires |= {f"train.{name}": f"field.{name}" for name in ("recovered", "height")}
+        wires |= {f"field.{k}": f"train.{k}" for k in ("v_s", "v") if k in field.inputs}
     return connect("plant", wires, share={"m": "*.m", "g": "*.g"}, **parts)

@@ -7,7 +7,8 @@ from typing import Any
 
 from slipctl.models.vehicle.certificate import axle_loops
 from slipctl.models.vehicle.certificate.gains import gains, reasons_without_certificate
-from slipctl.models.vehicle.parts import Trip, number_with_unit
+from slipctl.models.vehicle.contamination import patches_of_seed
+from slipctl.models.vehicle.parts import Drawn, Trip, number_with_unit
 from slipctl.models.vehicle.plausibility import unusual_numbers
 from slipctl.models.vehicle.trip import case
 from slipctl.run.roles import Signals
@@ -18,6 +19,8 @@ SIGNALS = Signals(
     speed="plant.train.v", position="plant.train.x", slip="slip.y",
     reference="ctl.reference.v_best", best_slip="rail.best_slip",
     adhesion="plant.train.mu", best_adhesion="rail.best_adhesion", torque="plant.T",
+    contact_power="plant.train.P_contact", wear_rate="contact.wear", flash="contact.flash",
+    energy_error="books.error",
 )  # fmt: skip
 
 LOG = (
@@ -26,7 +29,9 @@ LOG = (
     "ctl.watch.on", "ctl.probe.reference", "ctl.reference.v_best", "ctl.slip.v_s", "ctl.meter.mu_m",
     "ctl.curve.mu", "speed.y", "speed.v_m", "speed.error", "speed.sound", "radius.r_i",
     "radius.known", "wheel.y", "wheel.omega_m", "plant.field.recovered", "plant.field.height",
-    "plant.field.W_seen", "plant.train.P_contact",
+    "plant.field.W_seen", "plant.field.S_seen", "plant.field.sand", "plant.train.P_contact",
+    "plant.train.E_kin", "plant.train.P_drive", "plant.train.P_brake",
+    "plant.train.P_bearing", "plant.train.P_slip", "plant.train.P_d",
 )  # fmt: skip
 """Signals that a log keeps of every loop."""
 
@@ -72,6 +77,13 @@ def reasons(trip: Trip) -> dict[str, str]:
     return axle_loops.reasons_without_certificate(trip, reasons_without_certificate(trip))
 
 
+def _ensemble(trip: Trip, drawn: Drawn) -> Ensemble:
+    """What differs from draw to draw."""
+    told = {"patches": vars(drawn.patches)} if drawn.patches else {}
+    patches = patches_of_seed(trip) if drawn.patches else None
+    return Ensemble(drawn.draw, drawn.scale, drawn.seeds, patches, told)
+
+
 def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own") -> Study:
     """Make the study of a trip, which ``slipctl run`` runs.
 
@@ -90,9 +102,7 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         return [replace(found, log=LOG)]
 
     drawn = trip.ensemble
-    ensembles = (
-        {} if drawn is None else {"base": Ensemble(drawn.draw, drawn.scale, seeds=drawn.seeds)}
-    )
+    ensembles = {} if drawn is None else {"base": _ensemble(trip, drawn)}
     vehicle = trip.vehicle
     doc = (
         f"A {'braked' if vehicle.mode == 'brake' else 'driven'} vehicle of"

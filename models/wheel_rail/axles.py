@@ -214,6 +214,8 @@ def rolling(
     if motors:
         speed = Output("rad/s", "speed of a driven axle").named("omega_d")
         outputs.append(signal_of_copies(speed, driven, "driven"))
+    if standing:
+        outputs.append(Output("J", "kinetic energy of train and wheels", lo=0).named("E_kin"))
     if beside:
         outputs += [
             each(Output("W", "power that the contact of an axle takes"), "P_contact"),
@@ -280,6 +282,8 @@ def rolling(
             P_d=u["F_d"] * v_mean,
             residual=residual,
         )
+        if standing:
+            outputs["E_kin"] = m * v**2 / 2 + ca.dot(count, p["J"] * omega**2) / 2
         if motors:
             outputs["omega_d"] = omega[list(motors)]
         if beside:

@@ -276,10 +276,9 @@ def texts(plan: Plan, content: Content = Content()) -> dict[str, str]:
         BadInput: an integer of ``scaled`` that does not fit, or what names no section.
     """
     n = plan.name
-    module, more = sources(plan), bus.bus_files(plan, content.scaled)
     if (section := content.const_section) is not None:
         sections.check("--const-section", section)
-        module = {f: sections.in_section(text, section) for f, text in module.items()}
+    module, more = sources(plan, section), bus.bus_files(plan, content.scaled)
     if (section := content.calibration_section) is not None:
         sections.check("--calibration-section", section)
         more |= sections.calibration(plan, section)

@@ -10,7 +10,7 @@ import numpy as np
 
 from slipctl.block.units.unit_algebra import display_scale
 from slipctl.errors import BadInput, nearest
-from slipctl.run.metrics import worst
+from slipctl.run.waveform import worst
 
 if TYPE_CHECKING:
     from slipctl.run.results import Results

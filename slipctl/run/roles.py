@@ -34,6 +34,10 @@ class Signals:
         funnel: error with its prescribed bounds, ``("ctl.e", "ctl.lower", "ctl.upper")``.
         barrier: error with the bounds that a barrier keeps.
         step_time: time that one tick took to compute.
+        contact_power: power that the contact of each axle takes.
+        wear_rate: wear of a wheel of each axle by the way, in kg/m.
+        flash: flash temperature of each contact.
+        energy_error: what the energy books lose or gain, by the energy at the start.
         mirrored: whether the slip is that of driven wheels seen as braked ones.
     """
 
@@ -52,6 +56,10 @@ class Signals:
     funnel: Bounded | None = None
     barrier: Bounded | None = None
     step_time: Names = None
+    contact_power: Names = None
+    wear_rate: Names = None
+    flash: Names = None
+    energy_error: Names = None
     mirrored: bool = False
 
     def __post_init__(self) -> None:

@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.module.source import sources
+from slipctl.ccode.tree.parser import code
+from slipctl.ccode.tree.printer import lines_of
 
 
 def of_plan(plan: Plan) -> str:
     """Text of the source, its parts first."""
     return "".join(sources(plan).values())
+
+
+def laid_out(lines: Sequence[str], indent: str = "") -> list[str]:
+    """Lines of some C as the printer lays them out."""
+    return lines_of(code("\n".join(lines)), indent)
+
+
+def with_pass(change: Callable[..., Any], lines: Sequence[str], *more: Any) -> list[str]:
+    """Lines of some C after a pass over its nodes."""
+    return lines_of(change(code("\n".join(lines)), *more))
 
 
 def of_folder(folder: Path, name: str) -> str:

@@ -42,7 +42,9 @@ from slipctl.ccode import codegen
 from slipctl.ccode.check import comparison
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.tree.expressions import Writer
-from slipctl.ccode.tree.helpers import helper_text
+from slipctl.ccode.tree.helpers import helpers as helpers_named
+from slipctl.ccode.tree.parser import define, expression
+from slipctl.ccode.tree.printer import file_text
 from slipctl.models import brakes
 from slipctl.models.huang_2020 import subway_braking, subway_braking_control
 
@@ -308,16 +310,15 @@ def test_random_expressions_are_written_operation_for_operation(tmp_path: Path) 
     helpers: set[str] = set()
     text = []
     for f in functions:
-        writer = Writer(f, lambda i, k: f"u[{k}]").run()
+        writer = Writer(f, lambda i, k: expression(f"u[{k}]")).run()
         helpers |= writer.helpers
         body = [*writer.lines, *(f"y[{k}] = {writer.result(n)};" for (_, k), n in writer.results)]
-        text.append(f"void {f.name()}(const double *u, double *y)\n{{\n" + "\n".join(body) + "\n}")
+        text.append(define(f"void {f.name()}(const double *u, double *y)", body))
     prototypes = [f"void {f.name()}(const double *u, double *y);" for f in functions]
     source = tmp_path / "random.c"
+    functions_of = file_text([*helpers_named(helpers), *text])
     source.write_text(
-        "\n".join(
-            ["#include <math.h>\n#include <stdbool.h>", helper_text(helpers), *prototypes, *text]
-        )
+        "\n".join(["#include <math.h>\n#include <stdbool.h>", *prototypes, functions_of])
     )
     compiler = compilers.compilers()[0]
     # the lines are compiled as they are in a module, so that no warning escapes

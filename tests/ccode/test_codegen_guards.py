@@ -38,7 +38,9 @@ from slipctl.ccode.module import guard
 from slipctl.ccode.module.guard import BAD_INPUT, BAD_RESULT, LIMITED, OFF_RANGE, REFUSED, RESET
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes import precision
-from slipctl.ccode.passes.precision import MATH, in_precision
+from slipctl.ccode.passes.precision import MATH, in_precision, literal
+from slipctl.ccode.tree.parser import code
+from slipctl.ccode.tree.printer import lines_of
 from slipctl.draw import show
 from slipctl.models.huang_2020 import subway_braking, subway_braking_control
 from slipctl.seek.random import advance, quick_floor, rounder, state_from_seed
@@ -489,17 +491,19 @@ def test_safe_value_that_cannot_be_given(safe: Any, said: str) -> None:
 
 
 def test_float_leaves_nothing_of_double() -> None:
-    text = "/* double 1.5 */ double x = exp(1.5) + 3e-9 * p->exp + n[2]; #define A DBL_MAX\n"
-    assert in_precision(text, "float", "here") == (
-        "/* double 1.5 */ float x = expf(1.5f) + 3e-09f * p->exp + n[2]; #define A FLT_MAX\n"
-    )
-    assert in_precision("1e-60", "float", "here") == "1.1754944e-38f"
+    text = "/* double 1.5 */ const double x = exp(1.5) + 3e-9 * (double)p->exp + n[2] * DBL_MAX;"
+    made = lines_of(in_precision(n, "float", "here") for n in code(text))
+    assert made == [
+        "/* double 1.5 */",
+        "const float x = expf(1.5f) + 3e-09f * (float)p->exp + n[2] * FLT_MAX;",
+    ]
+    assert literal(1e-60, "float", "here") == "1.1754944e-38f"
     # what is below 1 stays so: 1 - zeta may divide, or stand in a logarithm
-    assert in_precision("0.999999999 0.99999991 1.0", "float", "here") == (
-        "0.99999994f 0.9999999f 1.0f"
+    assert [literal(v, "float", "here") for v in (0.999999999, 0.99999991, -1.0)] == (
+        ["0.99999994f", "0.9999999f", "-1.0f"]
     )
     with pytest.raises(BadInput, match="here: the number 1e60 is too large for float"):
-        in_precision("1e60", "float", "here")
+        literal(1e60, "float", "here")
     with pytest.raises(BadInput, match="did you mean 'float'"):
         codegen.c_module(guarded, "unused", real="flaot")
 

@@ -17,7 +17,7 @@ from slipctl import BadInput, Block, Input, Output, law
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.tree import ramp_tables
+from slipctl.ccode.passes import ramp_tables
 
 try:
     compilers.compilers()

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from slipctl.ccode.passes.direct_results import direct
-from slipctl.ccode.tree.casadi_text import static_text
+from slipctl.ccode.tree.casadi_text import static_c
+from slipctl.ccode.tree.nodes import function
+from slipctl.ccode.tree.parser import code
+from slipctl.ccode.tree.printer import file_text
 
 INCLUDES = "#include <math.h>\n#include <stdbool.h>\n#include <stddef.h>\n"
 
@@ -38,7 +41,7 @@ def chained():
 def run(text, f, given, folder):
     """Results of the C of a Function; of an output that is left out, none."""
     (folder / "c.c").write_text(
-        INCLUDES + "#define casadi_to_int(x) ((int)(x))\n" + text.text
+        INCLUDES + file_text(text.made)
         + f"\nint run(const double **a, double **r, double *w)\n"
           f"{{ return {text.entries[0]}(a, r, 0, w, 0); }}\n"
     )  # fmt: skip
@@ -63,8 +66,8 @@ def run(text, f, given, folder):
 def test_calls_write_where_results_are_wanted_and_every_bit_stays(tmp_path):
     """Also where a result is not asked for."""
     f, given = chained(), [np.linspace(-1.1, 2.3, 5), np.array([0.7])]
-    text = static_text([f], {}, "test")
-    assert "res1[0]=res[" in text.text
+    text = static_c([f], {}, "test")
+    assert "res1[0] = res[" in file_text(text.made)
     expected = [np.array(v).ravel(order="F") for v in f(*given)]
     for found in run(text, f, given, tmp_path):
         for value, true in zip(found, expected, strict=True):
@@ -96,7 +99,9 @@ COPY = "  casadi_copy(w0, 3, res[0]);"
     ],
 )
 def test_a_result_that_is_read_elsewhere_too_is_copied(lines, moved):
-    text = direct(CALL.format(lines))
-    assert ("res1[0]=w0;" not in text) == moved
+    (made,) = code(CALL.format(lines), {"casadi_real": "double"})
+    head, body = made.parts
+    text = file_text([function(made.head, head.head, head.parts, direct(body).parts)])
+    assert ("res1[0] = w0;" not in text) == moved
     assert text.count("casadi_copy") == lines.count("casadi_copy") - moved
-    assert ("*w0=w+9" in text) == ("w0" in text.replace("*w0=w+9", ""))
+    assert ("*w0 = w + 9" in text) == ("w0" in text.replace("*w0 = w + 9", ""))

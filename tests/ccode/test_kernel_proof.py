@@ -80,13 +80,13 @@ def test_a_module_with_casadis_text_is_proven(real: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("i<12; ++i) {", "i<13; ++i) {"),  # one turn too many
-        ("arg1[0]+=2;", "arg1[0]+=3;"),  # by a wrong stride
+        ("i < 12; ++i) {", "i < 13; ++i) {"),  # one turn too many
+        ("arg1[0] += 2;", "arg1[0] += 3;"),  # by a wrong stride
         ("if (res[0] != NULL) { casadi_copy(", "if (res[0] == NULL) { casadi_copy("),  # unset
         ("res[0][1] = ", "res[0][2] = "),  # beside it
         ("return 0;\n}\n\n/* ---- end", "for (;;) { }\n}\n\n/* ---- end"),  # no end
         ("  return 0;\n}", "  return 1;\n}"),  # a failure
-        ("arg1[1]=", "arg1[1]=0; arg1[0]="),  # an argument that is not there
+        ("arg1[1] = ", "arg1[1] = NULL; arg1[0] = "),  # an argument that is not there
     ],
 )  # fmt: skip
 def test_what_breaks_a_contract_is_not_proven(old: str, new: str) -> None:

@@ -173,7 +173,9 @@ def test_the_loops_that_have_several_rates():
         plan = Plan(loop[declared.controller], "ctl", loop.period, rates=True)
         row = groups(plan)
         assert [g.name for g in row] == wanted
-        assert sorted(c for g in row for c in g.calls) == sorted(plan.equations.lines)
+        assert sorted(c.text for g in row for c in g.calls) == sorted(
+            c.text for c in plan.equations.lines
+        )
 
 
 def test_the_folder_tests_its_pieces(tmp_path):

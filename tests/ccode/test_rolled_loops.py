@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from module_text import of_folder
+from module_text import laid_out, of_folder, with_pass
 
 from slipctl import BadInput, Input, Output, Param, State, make_block
 from slipctl.ccode import codegen
@@ -66,7 +66,7 @@ def test_a_loop_has_what_the_lines_had() -> None:
         lines.append(f"const double p{k} = x[{k}] * x[{k + 1}] + {k + 1}.0;")
         lines.append(f"const double s{k + 1} = s{k} - p{k} * {2 * k + 3}.0;")
     lines += [f"y[{3 * k + 1}] = p{k} * s9;" for k in range(9)]
-    short = roll_lines(lines, set())
+    short = with_pass(roll_lines, lines, set())
     assert len(short) < len(lines) / 2
     rng = np.random.default_rng(7)
     x = rng.normal(size=12)
@@ -75,14 +75,15 @@ def test_a_loop_has_what_the_lines_had() -> None:
 
 def test_what_does_not_go_up_evenly_stays_as_it_is() -> None:
     lines = [f"y[{k}] = x[{k * k}] * 2.0;" for k in range(12)]
-    assert roll_lines(lines, set()) == lines
-    assert roll_lines([f"y[{k}] = x[{k}];" for k in range(12)], {"i"})[0] == "y[0] = x[0];"
+    assert with_pass(roll_lines, lines, set()) == lines
+    moved = [f"y[{k}] = x[{k}];" for k in range(12)]
+    assert with_pass(roll_lines, moved, {"i"})[0] == "y[0] = x[0];"
 
 
 def _run(lines: list[str], x: np.ndarray) -> list[float]:
     """Run the few forms of C that stand here, as Python."""
     text, indent = [], ""
-    for line in lines:
+    for line in "\n".join(lines).replace("{ ", "{\n").replace(" }", "\n}").splitlines():
         bare = line.strip().rstrip(";")
         if bare == "}":
             indent = ""
@@ -91,8 +92,9 @@ def _run(lines: list[str], x: np.ndarray) -> list[float]:
             text.append(f"for i in range({count}):")
             indent = "    "
         elif "=" not in bare:
-            name, _, size = bare.removeprefix("double ").partition("[")
-            text.append(f"{name} = [0.0] * {size.rstrip(']') or 1}")
+            for item in bare.removeprefix("double ").split(", "):
+                name, _, size = item.partition("[")
+                text.append(f"{name} = [0.0] * {size.rstrip(']') or 1}")
         else:
             for word in ("const ", "double "):
                 bare = bare.removeprefix(word)
@@ -128,7 +130,7 @@ def test_the_first_and_the_last_step_are_in_the_loop() -> None:
         lines.append(f"const double s_{k} = y_{k - 1} * (lo + {k - 1}.0 * step);")
         lines.append(f"const double y_{k} = s_{k} + twice;")
     lines += ["const double s_8 = y_7 * (lo + 7.0 * step);", "*y = s_8 + twice;"]
-    assert roll_lines(lines, {"x", "lo", "step", "y"}) == [
+    assert with_pass(roll_lines, lines, {"x", "lo", "step", "y"}) == [
         "const double twice = 2.0 * lo;", "double y_now = x[0];",
         "for (int i = 1; i < 8; ++i) {", "    const double s = y_now * (lo + (double)i * step);",
         "    y_now = s + twice;", "}", "*y = y_now;",
@@ -138,7 +140,7 @@ def test_the_first_and_the_last_step_are_in_the_loop() -> None:
 def test_a_result_that_is_in_no_loop_stays_as_it_was() -> None:
     lines = [f"const double s{k} = x[{k * k}] + {k}.0 * u;" for k in range(5)]
     lines.append("*y = s4 + 9.0 * u;")
-    assert roll_lines(lines, {"y"}) == lines
+    assert with_pass(roll_lines, lines, {"y"}) == lines
 
 
 FILLED = ["double a[4];", "for (int i = 0; i < 4; ++i) {", "    a[i] = x[i] * 2.0;", "}"]
@@ -147,7 +149,7 @@ FILLED = ["double a[4];", "for (int i = 0; i < 4; ++i) {", "    a[i] = x[i] * 2.
 def test_loops_over_the_same_elements_are_one_and_need_no_array() -> None:
     lines = [*FILLED, "const double u = v + 1.0;", "double s = v;"]
     lines += ["for (int i = 0; i < 4; ++i) {", "    s = s + a[i];", "}", "*y = s * u;"]
-    assert fuse_loops(lines) == [
+    assert with_pass(fuse_loops, lines) == [
         "double s = v;", "for (int i = 0; i < 4; ++i) {", "    const double a = x[i] * 2.0;",
         "    s = s + a;", "}", "const double u = v + 1.0;", "*y = s * u;",
     ]  # fmt: skip
@@ -166,12 +168,12 @@ def test_loops_over_the_same_elements_are_one_and_need_no_array() -> None:
 )
 def test_loops_of_which_one_needs_the_other_stay_two(between: str, body: str, after: str) -> None:
     lines = [*FILLED, between, "for (int i = 0; i < 4; ++i) {", body, "}", *[after] * bool(after)]
-    assert fuse_loops(lines) == lines
+    assert with_pass(fuse_loops, lines) == laid_out(lines)
 
 
 def test_an_array_that_is_read_later_stays_one() -> None:
     lines = [*FILLED, "*y = a[2];"]
-    assert fuse_loops(lines) == lines
+    assert with_pass(fuse_loops, lines) == laid_out(lines)
 
 
 @pytest.mark.skipif(not HAS_COMPILER, reason="no C compiler on this machine")

@@ -17,9 +17,10 @@ from slipctl.ccode.check import comparison, float_error
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.compile.module import input_rows
 from slipctl.ccode.module import guard
+from slipctl.ccode.module.comments import WIDTH
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.ship import fmu, readable
-from slipctl.ccode.tree import statements
+from slipctl.ccode.tree.printer import signature
 
 
 @step(y=Output("1", "sum", lo=-4, hi=4), far=Output("1", "twice the sum"))
@@ -107,9 +108,9 @@ def test_a_finding_without_a_reason_has_an_empty_cell() -> None:
 
 def test_a_long_declaration_goes_over_several_lines_none_too_long() -> None:
     arguments = [f"double argument_{k:02d}" for k in range(12)]
-    lines = statements.declaration_lines("static void", "ten_of_them", *arguments).splitlines()
+    lines = signature("static void", "ten_of_them", arguments).splitlines()
     assert len(lines) > 1
-    assert max(map(len, lines)) <= statements.WIDTH
+    assert max(map(len, lines)) <= WIDTH
     assert all(line.startswith(" " * len("static void ten_of_them(")) for line in lines[1:])
     assert " ".join("".join(lines).replace("static void ten_of_them(", "").split()) == (
         ", ".join(arguments) + ")")  # fmt: skip

@@ -3,10 +3,16 @@
 import numpy as np
 import pytest
 
+from slipctl import simulate
 from slipctl.errors import BadInput, Faults
 from slipctl.models.vehicle import case, loop, scenario
+from slipctl.models.vehicle import study as vehicle_study
+from slipctl.models.vehicle.contamination import layer_law, patches_of_seed, peak_of_layer
+from slipctl.run.measures.measured_run import Run
+from slipctl.run.metrics import measure
 from slipctl.run.preparation import prepare
-from slipctl.study import resolve
+from slipctl.run.sweep.ensemble import World
+from slipctl.study import execution, resolve
 from slipctl.study.files import trip_files
 
 FILE = """
@@ -193,3 +199,136 @@ def test_bad_input_is_one_line_with_its_key(tmp_path, old, new):
 def test_a_place_behind_the_end_of_the_run_is_refused(tmp_path):
     with pytest.raises(BadInput, match=r"places.0.from: is 60 m, and the run ends at 50 m"):
         read(tmp_path, FILE.replace('end = "standstill"', 'end = "50 m"'))
+
+
+def test_a_run_tells_what_its_wheels_have_taken(tmp_path):
+    """Metrics of a locked stop: books below 1e-9 (E1), heat that of the train, limits marked."""
+    text = FILE.replace(
+        "[controllers.none]", '[limits]\nlongest_lock = "0.4 s"\n[controllers.none]'
+    )
+    trip = read(tmp_path, text)
+    found, names = case(trip), {"plant.train.omega", "slip.y", "plant.T"}
+    log = simulate(loop(trip, "none"), scenario(trip))
+    log = execution.add_known(vehicle_study.study(trip), found, log)
+    got = {n: m.value for n, m in measure(Run(log, vehicle_study.SIGNALS)).items()}
+    assert names <= set(log)
+    assert got["energy_error"] < 1e-9
+    assert got["contact_energy"] == pytest.approx(float(log["plant.train.P_slip"].sum()) * 1e-3)
+    v, rim = log["plant.train.v"].values[:, None], 0.46 * log["plant.train.omega"].values
+    locked = ((rim < 0.05 * v) & (v > 1)).sum(axis=0)  # each axle once
+    assert got["longest_lock"] == pytest.approx(locked.max() * 1e-3, abs=2e-3)
+    assert got["flash_temperature"] > 720  # martensite: four locked wheels on clean rail
+    with pytest.raises(BadInput, match=r"limits.longest_lock: needs"):
+        read(tmp_path, text[: text.index("[rail.contamination]")] + text[text.index("[demand]") :])
+
+
+# ---- patches that are drawn ----------------------------------------------------------------------
+
+DRAWN = """
+[ensemble.patches]
+number = [1, 4]
+length = ["20 m", "80 m"]
+peak = [0.02, 0.03]
+from = "50 m"
+to = "300 m"
+"""
+
+
+def test_patches_are_drawn_by_their_seed_alone(tmp_path):
+    """Number, place, length and peak in their ranges; the same for a seed, others for another."""
+    trip = read(tmp_path, FILE + DRAWN)
+    patches = patches_of_seed(trip)
+    factor = peak_of_layer(layer_law(trip, trip.rail.contamination), 25.0)
+    counts = set()
+    for seed in range(60):
+        found = patches(seed)
+        assert all((found[k] == v).all() for k, v in patches(seed).items())
+        begin, end, by = (found[f"plant.field.{k}"] for k in ("start", "end", "factor"))
+        real = begin < 1e6
+        counts.add(int(real.sum()))
+        assert ((begin[real] >= 50) & (begin[real] <= 300)).all()
+        length = (end - begin)[real]
+        assert ((length >= 20) & (length <= 80)).all()
+        assert ((by[real] * factor >= 0.02 - 1e-12) & (by[real] * factor <= 0.03 + 1e-12)).all()
+    assert counts == {1, 2, 3, 4}
+
+
+def test_an_ensemble_runs_on_the_patches_of_its_draws(tmp_path):
+    """Each draw is a run of its own: wheels find the drawn layer, and stop elsewhere for it."""
+    path = tmp_path / "my.toml"
+    path.write_text(FILE + DRAWN, encoding="utf-8")
+    study = resolve.load_study(str(path))
+    found = study.cases(None, False)[0]
+    world = World(found.loops["none"], found.scenario, study.ensembles["base"],
+                  signals=study.signals, known=found.known)  # fmt: skip
+    draws = [world.draw(0, k) for k in range(2)]
+    ways = [world.metrics({}, d)["stopping_distance"].value for d in draws]
+    again = world.metrics({}, world.draw(0, 0))["stopping_distance"].value
+    assert ways[0] == again != ways[1]
+    alone = prepare(found.loops["none"], found.scenario)(draws[1].numbers)
+    v = alone["plant.train.v"]
+    assert ways[1] == pytest.approx(alone["plant.train.x"][np.argmax(np.abs(v) <= 0.1)], abs=1e-3)
+    without = study.ensembles["base"].hash
+    path.write_text(FILE + DRAWN.replace("300 m", "310 m"), encoding="utf-8")
+    assert resolve.load_study(str(path)).ensembles["base"].hash != without
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("number = [1, 4]", "number = [4, 1]", "ensemble.patches.number: is two values"),
+        ("number = [1, 4]", "number = [1, 99]", "outside 0 .. 40"),
+        ('to = "300 m"', 'to = "30 m"', "ensemble.patches.to: is 30 m"),
+        ('to = "300 m"', 'to = "30 km"', "ensemble.patches.to: is 30000 m, and the run ends at"),
+        ("peak = [0.02, 0.03]", "", "needs peak"),
+    ],
+)
+def test_patches_that_cannot_be_drawn_are_refused(tmp_path, old, new, words):
+    with pytest.raises(BadInput) as refused:
+        read(tmp_path, FILE + DRAWN.replace(old, new))
+    assert words in str(refused.value)
+
+
+# ---- sand ----------------------------------------------------------------------------------------
+
+SAND = """
+[rail.contamination.sand]
+axles = [1, 3]
+rate = "30 g/s"
+"""
+
+
+def test_sand_is_found_by_the_axles_behind_its_nozzle(tmp_path):
+    """rate/v by metre on each rail, less the share that each wheel takes; none before the delay."""
+    slow = FILE.replace("1e-4 m/J", "0 m/J").replace(PLACES, "")
+    log = rolled(read(tmp_path, slow + SAND), "plant.field.S_seen", "plant.field.sand",
+                 "plant.train.omega")  # fmt: skip
+    v, seen, sand = (log[f"plant.{n}"] for n in ("train.v", "field.S_seen", "field.sand"))
+    slides = np.argmax(np.abs(v - 0.46 * log["plant.train.omega"][:, 0]) > 0.05 * v)
+    assert seen[: slides + 999].max() == 0
+    k = slides + 4000  # all have come to the sand; the speed falls by less than 1 % meanwhile
+    flow = 0.03 / v[k]
+    wanted = [flow, 0.7 * flow, 0.49 * flow + flow, 0.7 * (0.49 * flow + flow)]
+    assert seen[k] == pytest.approx(wanted, rel=0.02)
+    poured = np.flatnonzero(np.diff(sand) > 0)
+    assert sand[-1] == pytest.approx(4 * 0.03 * poured.size * 1e-3, rel=1e-9)  # both rails
+    assert v[poured[-1]] == pytest.approx(25 / 3.6, abs=0.05)
+    dry = rolled(read(tmp_path, slow))
+    assert log["plant.train.x"][-1] < 0.9 * dry["plant.train.x"][-1]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("axles = [1, 3]", "axles = [1, 3]\nahead = '-0.3 m'", "the nozzle is behind its axle"),
+        ("axles = [1, 3]", "axles = [1, 3]\nahead = '0.1 m'", "within a cell of 0.25 m"),
+        ("axles = [1, 3]", "axles = [5]", "names axle 5 of 4"),
+        ("axles = [1, 3]", "axles = [1, 1]", "once"),
+        ("axles = [1, 3]", "", "needs axles"),
+    ],
+)
+def test_sand_that_falls_behind_its_wheel_is_refused(tmp_path, old, new, words):
+    with pytest.raises(BadInput) as refused:
+        read(tmp_path, FILE + SAND.replace(old, new))
+    assert words in str(refused.value)
+    assert "rail.contamination.sand" in str(refused.value)

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from slipctl import BadInput, Input, Output, law
 from slipctl.models.wheel_rail.falling_creep import falling_creep
-from slipctl.models.wheel_rail.rail_memory import Cells, blended_law, rail_field
+from slipctl.models.wheel_rail.rail_memory import Cells, Layer, blended_law, rail_field
 from tests.models.trains_on_layers import LEAVES, braked, places, slipping
 
 SMOOTH = 1e-4
@@ -31,7 +31,7 @@ def level(mu, name):
 def passed(n, tau, force, creep, speed=20.0, fouled=0.02, clean=0.15, cell=0.5, steps=60):
     """Adhesion that each of n wheels finds at a rail point, when the train has gone over it."""
     behind, h = tuple(3.0 * k for k in range(n)), 1e-2
-    field = rail_field(Cells(behind, cell), h).with_params(tau=tau)
+    field = rail_field(Cells(behind, cell, 50.0), h).with_params(tau=tau)
     x, values = field.start(), field.param_values()
     found = np.zeros(n)
     place = 0.0
@@ -123,7 +123,7 @@ OWN = {0.01: 0.0613, 0.05: 0.0672, 0.10: 0.0759, 0.20: 0.0993, 0.30: 0.1308, 0.5
 def test_a_wheel_that_finds_what_it_does_itself(e):
     """Table 1.2 to its digits: N 55 kN, .06 to .28, tau 1.8e-4; its root is found by brentq too."""
     N, tau, speed, h = 55e3, 1.8e-4, 20.0, 1e-2
-    field = rail_field(Cells((0.0,), 0.5), h, own=True).with_params(tau=tau)
+    field = rail_field(Cells((0.0,), 0.5, 50.0), h, Layer(own=True)).with_params(tau=tau)
     x, p = field.start(), field.param_values()
     mu = 0.06
     for _ in range(400):
@@ -139,7 +139,7 @@ def test_a_wheel_that_finds_what_it_does_itself(e):
 
 def test_nothing_is_cleaned_where_nothing_cleans():
     """A1: tau = 0 has the curve of the layer, to the last bit; the share grows from 0 to 1."""
-    field = rail_field(Cells((0.0, 3.0), 0.5), 1e-2)
+    field = rail_field(Cells((0.0, 3.0), 0.5, 50.0), 1e-2)
     u = {"at": np.zeros(2), "way": 0.2, "P": np.zeros(2)}
     shares = []
     for tau, W in ((0.0, 1e9), (1e-4, 0.0), (1e-4, 1e3), (1e-4, 1e4), (1e-4, 1e7)):
@@ -154,7 +154,7 @@ def test_nothing_is_cleaned_where_nothing_cleans():
 
 def test_two_layers_recover_late():
     """n = 2: half of the energy of 1 - 1/e does a fourth of the exponent, not a half."""
-    field = rail_field(Cells((0.0,), 0.5), 1e-2)
+    field = rail_field(Cells((0.0,), 0.5, 50.0), 1e-2)
     u = {"at": np.zeros(1), "way": 0.2, "P": np.zeros(1)}
     x = field.start() | {"W": np.full(field.states["W"].size, 5e3)}
     share = {n: float(field.f(*packed(field, x, u, field.with_params(n=n).param_values()))[1][0])
@@ -229,11 +229,13 @@ def test_cells_that_two_axles_would_share_are_refused():
     with pytest.raises(BadInput, match=r"2\.1 m between two axles"):
         Cells((0.0, 2.1, 14.0), 2.2)
     assert Cells((0.0, 2.1, 14.0), 2.1).count == 8
+    with pytest.raises(BadInput, match=r"0.1 m is shorter than the 0.15 m of a step"):
+        rail_field(Cells((0.0, 2.1), 0.1), 1e-3)
 
 
 def test_a_train_that_rolls_back_finds_what_it_had_found():
     """Energy stays exact, and the way forward begins where the train had been."""
-    field = rail_field(Cells((0.0, 3.0), 0.5), 1e-2)
+    field = rail_field(Cells((0.0, 3.0), 0.5, 50.0), 1e-2)
     x, p, given_ = field.start(), field.param_values(), 0.0
     ways = [0.2] * 40 + [-0.1] * 15 + [0.1] * 15 + [0.0] * 3 + [0.2] * 40
     seen, at = [], 0.0
@@ -254,7 +256,7 @@ def test_slopes_of_the_field_are_those_of_its_equations():
     """Derivatives by W and tau against differences, where a wheel is within its cell."""
     import casadi as ca
 
-    field = rail_field(Cells((0.0, 3.0), 0.5), 1e-2).with_params(tau=2e-4, n=1.5)
+    field = rail_field(Cells((0.0, 3.0), 0.5, 50.0), 1e-2).with_params(tau=2e-4, n=1.5)
     x = field.start() | {"phase": 0.3, "W": np.linspace(1e3, 6e3, field.states["W"].size)}
     u = {"at": np.array([0.0, -3.0]), "way": 0.2, "P": np.array([3e4, 1e4])}
     at = [ca.DM(c) for c in packed(field, x, u, field.param_values())]

@@ -69,7 +69,7 @@ def braked(behind, demand, tau, stretch=None, layer=LEAVES, v0=25.0, cell=0.25, 
         blended_law(falling_creep.with_params(**layer), falling_creep),
         Axles((1,) * n, behind, (False,) * n), h, apart=["T_b"], standing=True,
     ).with_params(m=LOAD * n, m_axle=LOAD, J=473.0, r=1.0, g=G, B_t=0.0, v=v0)  # fmt: skip
-    field = rail_field(Cells(behind, cell), h).with_params(tau=tau)
+    field = rail_field(Cells(behind, cell, 60.0), h).with_params(tau=tau)
     if stretch:
         field = field.with_params(start=[stretch[0]], end=[stretch[1]])
     wires = {"field.at": "train.at", "field.way": "train.way", "field.P": "train.P_contact",
@@ -149,7 +149,7 @@ def slipping(
         outputs=[Output("m", "way").named("way"), Output("W", "heat", shape=(n,)).named("P"),
                  Output("m", "places", shape=(n,)).named("at")],
     )  # fmt: skip
-    field = rail_field(Cells(behind, cell), h).with_params(tau=tau)
+    field = rail_field(Cells(behind, cell, 60.0), h).with_params(tau=tau)
     wires = {f"field.{name}": f"train.{name}" for name in ("at", "way", "P")}
     loop = connect("loop", wires | {"train.recovered": "field.recovered"}, train=train, field=field)
     scenario = Scenario("stop", 120.0, end=End("train.v", below=1e-6))

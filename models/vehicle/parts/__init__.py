@@ -32,7 +32,7 @@ from slipctl.models.vehicle.parts.declaration import (
 )
 from slipctl.models.vehicle.parts.demand import Constant, Most, Profile
 from slipctl.models.vehicle.parts.pads import Pads
-from slipctl.models.vehicle.parts.rail import Contamination, Patch, Slope, Stretch, Track
+from slipctl.models.vehicle.parts.rail import Contamination, Patch, Sand, Slope, Stretch, Track
 from slipctl.models.vehicle.parts.sensors import (
     Exact,
     NoisySpeed,
@@ -41,5 +41,5 @@ from slipctl.models.vehicle.parts.sensors import (
     ToothWheel,
     WheelsOnly,
 )
-from slipctl.models.vehicle.parts.trip import Assumed, Drawn, Limits, Trip
+from slipctl.models.vehicle.parts.trip import Assumed, Drawn, DrawnPatches, Limits, Trip
 from slipctl.models.vehicle.parts.vehicle import Car, Davis, Vehicle

@@ -53,6 +53,27 @@ class Patch(Part):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Sand(Part):
+    """Sand in front of axles, on the contaminated rail, while one of them slides."""
+
+    axles: tuple[int, ...] = number("1", MISSING, "axles with a sander, 1 the first", lo=1, hi=32)
+    ahead: float = number("m", 0.4, "how far its nozzle is before the axle", lo=-10, hi=10)
+    rate: float = number("kg/s", 0.03, "of a nozzle, on one rail", lo=0, hi=1)
+    grip: float = number("kg/m", 7.5e-3, "on one rail, that recovers 63 %", lo=1e-6, hi=1)
+    carry: float = number("1", 0.7, "share that is left behind a wheel", lo=0, hi=1)
+    delay: float = number("s", 1.0, "from the slide to the sand", lo=0, hi=60)
+    above: float = number("m/s", 25 / 3.6, "speed above which it is poured", lo=0, hi=150)
+    slip: float = number("1", 0.05, "slip ratio of an axle that is a slide", lo=1e-3, hi=1)
+
+    def misfits(self) -> Iterator[Fault]:
+        """A nozzle behind its axle, an axle twice."""
+        if self.ahead < 0:
+            yield "ahead", f"is {self.ahead:g} m: the nozzle is behind its axle; write it above 0"
+        if not self.axles or len(set(self.axles)) != len(self.axles):
+            yield "axles", "must name each axle with a sander once"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Contamination(Part):
     """A layer on the rail, which wheels that slide clean for the wheels behind them."""
 
@@ -79,6 +100,15 @@ class Contamination(Part):
     )
     cell: float = number("m", 0.25, "length over which the energy is averaged", lo=0.15, hi=5)
     places: tuple[Patch, ...] = text_field((), "where the layer is; none: everywhere")
+    sand: Sand | None = text_field(None, "sand in front of axles; none: none")
+
+    def misfits(self) -> Iterator[Fault]:
+        """A nozzle so near to its axle that the sand is not measured before the wheel is there."""
+        if self.sand is not None and 0 <= self.sand.ahead < self.cell:
+            yield (
+                "sand.ahead",
+                f"is {self.sand.ahead:g} m, within a cell of {self.cell:g} m; write at least that",
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,6 +22,7 @@ from slipctl.models.vehicle.parts.demand import Constant, Most, Profile
 from slipctl.models.vehicle.parts.rail import Track
 from slipctl.models.vehicle.parts.sensors import Sensors, WheelsOnly
 from slipctl.models.vehicle.parts.vehicle import Vehicle
+from slipctl.run.measures.slide_metrics import SLIDES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +37,32 @@ class Limits(Part):
     slip_error_rms: float | None = number("m/s", None, "slip minus its reference", lo=0)
     torque_ripple: float | None = number("N m", None, "before each change of the rail", lo=0)
     jerk_rms: float | None = number("m/s^3", None, "of the vehicle", lo=0)
+    longest_slide: float | None = number("m", None, "of an axle that is 30 % slower", lo=0)
+    longest_lock: float | None = number("s", None, "of one axle", lo=0)
+    t_gamma: float | None = number("N", None, "energy into a contact by the metre", lo=0)
+    flat_energy: float | None = number("J", None, "into one spot of a locked wheel", lo=0)
+    wear: float | None = number("kg", None, "of the wheel that wears most", lo=0)
+    flash_temperature: float | None = number("K", None, "above wheel and rail", lo=0)
+    stop_jolt: float | None = number("m/s^2", None, "deceleration that ends at standstill", lo=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnPatches(Part):
+    """Contaminated places that are drawn at random; where two overlap, the lower peak counts."""
+
+    many: tuple[int, ...] = number("1", (1, 3), "least and most of them", lo=0, hi=40, key="number")
+    length: tuple[float, ...] = number("m", MISSING, "least and most of one", lo=0.1, hi=1e5)
+    peak: tuple[float, ...] = number("1", MISSING, "least and most of one", lo=1e-3, hi=1)
+    begin: float = number("m", 0.0, "first place where one may begin", lo=0, hi=1e6, key="from")
+    end: float = number("m", MISSING, "last place where one may begin", lo=0, hi=1e6, key="to")
+
+    def misfits(self) -> Iterator[Fault]:
+        """Pairs that are none."""
+        for name, given in (("number", self.many), ("length", self.length), ("peak", self.peak)):
+            if len(given) != 2 or given[0] > given[1]:
+                yield name, "is two values, the least and the most"
+        if self.end <= self.begin:
+            yield "to", f"is {self.end:g} m, they begin at {self.begin:g} m; write a larger one"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +72,7 @@ class Drawn(Part):
     seeds: bool = text_field(False, "whether the noise is drawn anew")
     draw: Mapping[str, str] = text_field({}, "range of each number that is drawn, m = '36t:42t'")
     scale: Mapping[str, str] = text_field({}, "factors and what each multiplies, '0.8:1.2 of c'")
+    patches: DrawnPatches | None = text_field(None, "contaminated places, instead of the rail's")
 
     def misfits(self) -> Iterator[Fault]:
         """An ensemble that is empty, a range that is none."""
@@ -52,7 +80,7 @@ class Drawn(Part):
             ends = [size_of(end) for end in str(text).split(":")]
             if len(ends) == 2 and None not in ends and not ends[0] < ends[1]:  # type: ignore[operator]
                 yield f"draw.{name}", f"{text!r} is no range; write the lower end first"
-        if not (self.draw or self.scale or self.seeds):
+        if not (self.draw or self.scale or self.seeds or self.patches):
             yield "", "the ensemble is empty; write what differs from draw to draw, seeds = true"
 
 
@@ -144,6 +172,12 @@ class Trip(Part):
             yield "sensors.vehicle_speed", "one axle that slips tells no speed; use another kind"
         yield from self._misplaced()
         yield from self._pressed()
+        for name in SLIDES:
+            if self.rail.contamination is None and getattr(self.limits, name, None) is not None:
+                yield (
+                    f"limits.{name}",
+                    "needs [rail.contamination], of which tau = 0 cleans nothing",
+                )
         for name in self.controllers:
             if not name.isidentifier() or name == "ideal":
                 yield f"controllers.{name}", "write a name of letters, digits and _; not 'ideal'"
@@ -162,7 +196,10 @@ class Trip(Part):
     def _misplaced(self) -> Iterator[Fault]:
         """Cells that two axles would share; contaminated places where no wheel gets."""
         layer, behind = self.rail.contamination, self.vehicle.behind
+        drawn = self.ensemble.patches if self.ensemble else None
         if layer is None:
+            if drawn is not None:
+                yield "ensemble.patches", "the rail is not contaminated; add [rail.contamination]"
             return
         apart = min((b - a for a, b in pairwise(behind)), default=math.inf)
         if layer.cell > apart:
@@ -171,10 +208,16 @@ class Trip(Part):
                 f"{layer.cell:g} m is more than the {apart:g} m between two axles, which would be"
                 f" in one cell; write '{apart:g} m' or less",
             )
+        sanded = layer.sand.axles if layer.sand else ()
+        if max(sanded, default=0) > self.vehicle.axles:
+            many = self.vehicle.axles
+            yield "rail.contamination.sand.axles", f"names axle {max(sanded)} of {many}"
         found = number_with_unit(self.end, "m") if self.end else ""
         last = found[0] if isinstance(found, tuple) else math.inf
         if self.vehicle.mode == "brake" and not self.rail.falls:
             last = min(last, self.vehicle.speed * self.duration)
+        if drawn is not None and drawn.end > last:
+            yield "ensemble.patches.to", f"is {drawn.end:g} m, and the run ends at {last:g} m"
         for k, place in enumerate(layer.places):
             where = f"rail.contamination.places.{k}"
             if place.begin >= last:

@@ -9,6 +9,7 @@ from typing import Literal
 
 from slipctl.models.vehicle.parts.declaration import Fault, Part, number, text_field
 from slipctl.models.vehicle.parts.pads import Pads
+from slipctl.models.wheel_damage import HALF_LENGTH, PATCH
 from slipctl.study.files.declared_parts import Each
 
 
@@ -171,6 +172,8 @@ class Vehicle(Part):
     )
     resistance: Davis = text_field(Davis(), "running resistance")
     pads: Pads | None = text_field(None, "of its brakes; none: a constant friction")
+    patch: float = number("m^2", PATCH, "contact of a wheel, for wear and heat", lo=1e-6, hi=1e-3)
+    patch_half_length: float = number("m", HALF_LENGTH, "of it, in rolling", lo=1e-4, hi=0.05)
     speed: float = number("m/s", MISSING, "at the start", lo=0, hi=150)
     gravity: float = number("m/s^2", 9.81, "gravity", lo=1, hi=30)
 

@@ -6,9 +6,14 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from slipctl.ccode.module.comments import FILE, ORIGIN
+from slipctl.ccode.module.comments import FILE
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes.scratch import OWN
+
+_ORIGIN = re.compile(
+    r"(?P<code>.*[;}])  /\* (?:(?P<name>[^,*]+), )?(?P<source>(?:line |[^ ,*]+\.py:)\d+[^*]*) \*/$"
+)
+"""A statement, and behind it where its equation comes from, with its name if C has another."""
 
 _ASSIGNED = re.compile(
     r"^\s*(?:for \(.*\) \{ )?(?:(?:static )?(?:const )?(?:double|float|int|bool|unsigned int) )?"
@@ -93,7 +98,7 @@ def _equations(plan: Plan, source: str) -> list[dict[str, Any]]:
             own = f"next->{struct[1]}."
         here = [_whole(t, own) for t in _RESULT.findall(line)]
         given.setdefault(function, []).extend(here)
-        alone, behind = _ALONE.match(line), ORIGIN.match(line)
+        alone, behind = _ALONE.match(line), _ORIGIN.match(line)
         if not (line.lstrip().startswith("/*") or (lines[begun:k] and not _ended(lines[k - 1]))):
             begun = k
         told = alone or behind

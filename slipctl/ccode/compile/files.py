@@ -11,9 +11,8 @@ from slipctl.ccode.module.comments import ascii_text
 from slipctl.ccode.module.header import CONTENT, head
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.passes.precision import in_precision
-from slipctl.ccode.tree.expressions import number
-from slipctl.ccode.tree.shapes import constant
+from slipctl.ccode.module.shapes import constant
+from slipctl.ccode.passes.precision import literal
 
 WARNINGS = (
     "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wfloat-conversion -Wshadow"
@@ -146,7 +145,7 @@ xcp_{t}: xcp_{t}.elf # its serial line is a terminal of this machine, which QEMU
 
 def c_number(value: float, plan: Plan) -> str:
     """A number in C of the module's precision."""
-    return in_precision(number(float(value)), plan.real, plan.block.name)
+    return literal(float(value), plan.real, plan.block.name)
 
 
 def cmake(plan: Plan, more: Sequence[str] = ()) -> str:

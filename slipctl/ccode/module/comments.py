@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
 import unicodedata
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from slipctl.ccode.tree.nodes import Node, target
+from slipctl.ccode.tree.nodes import value as value_of
 
 WIDTH = 100
 
@@ -43,51 +46,60 @@ def _reflowed(paragraph: str) -> list[str]:
     return [" " * indents.pop() + " ".join(line.strip() for line in lines)]
 
 
-ORIGIN = re.compile(
-    r"(?P<code>.*[;}])  /\* (?:(?P<name>[^,*]+), )?(?P<source>(?:line |[^ ,*]+\.py:)\d+[^*]*) \*/$"
-)
-"""A statement, and behind it where its equation comes from, with its name if C has another."""
-
-GIVEN = re.compile(
-    r"\s*(?:copy\(&?|(?:const )?(?:double|float|bool) )?(?P<target>\w+(?:->\w+)?)"
-    r"(?:\[[^\]]*\])*(?: = |, ).*;$"
-)
-
-
-def with_origins(lines: Sequence[str], told: Mapping[str, tuple[str, str]]) -> list[str]:
+def with_origins(lines: Sequence[Node], told: Mapping[str, tuple[str, str]]) -> list[Node]:
     """Statements, and behind the first that gives a value to a C name where that comes from.
 
     Args:
         lines: the statements.
         told: by C name, the name as the model has it and the place.
     """
-    waiting, made = dict(told), []
-    for line in lines:
-        found = GIVEN.match(line)
-        name, place = waiting.pop(found["target"], ("", "")) if found else ("", "")
-        if found and place:  # an equation is told once, where it is worked out
-            waiting = {c: said for c, said in waiting.items() if said != (name, place)}
-            same = found["target"] == name
-            line += f"  /* {ascii_text(place if same else f'{name}, {place}')} */"
-        made.append(line)
-    return made
+    waiting = dict(told)
+
+    def rule(n: Node) -> Node | None:
+        given = _given(n) if n.kind in ("do", "declare") else ""
+        name, place = waiting.pop(given, ("", ""))
+        if not place:
+            return None
+        for c in [c for c, said in waiting.items() if said == (name, place)]:
+            del waiting[c]  # an equation is told once, where it is worked out
+        return replace(
+            n, told=f"  /* {ascii_text(place if given == name else f'{name}, {place}')} */"
+        )
+
+    return [line.change(rule) for line in lines]
+
+
+def _given(line: Node) -> str:
+    """C name that a statement gives a value to, if it is one line."""
+    to = target(line)
+    if line.kind == "do" and line.parts[0].kind == "call" and line.parts[0].head == "copy":
+        to = line.parts[0].parts[0]
+        to = to.parts[0] if to.kind == "unary" else to
+    numbers = line.head.split(" ")[-1] in ("", "double", "float", "bool")
+    if to is None or not numbers or line.head.startswith("static") or (
+        value_of(line).kind == "list" and len(line.text) > WIDTH - 12):  # fmt: skip
+        return ""
+    assigned = line.kind == "declare" or line.parts[0].head in ("=", "copy")
+    return to.base.text if assigned else ""
 
 
 FILE = "The lines are those of "
 """What the comment before a function says of the file that the lines behind statements are of."""
 
 
-def of_one_file(lines: Sequence[str]) -> tuple[list[str], str]:
+def of_one_file(lines: Sequence[Node]) -> tuple[list[Node], str]:
     """Tell the file that most statements come from once: they have ``line 12``; and the file."""
-    files = [m[1] for line in lines if (m := _TOLD.search(line))]
+    told = [n.told for line in lines for n in line.walk() if n.told.startswith("  /*")]
+    files = [t.partition(".py:")[0].rpartition(" ")[2] + ".py" for t in told if ".py:" in t]
     if not files:
         return list(lines), ""
     file = max(dict.fromkeys(files), key=files.count)
-    place = re.compile(rf"(/\* (?:[^,*]+, )?){re.escape(file)}:(?=\d)")
-    return [place.sub(r"\1line ", line) for line in lines], file
 
+    def rule(n: Node) -> Node | None:
+        return replace(n, told=n.told.replace(f" {file}:", " line ", 1)) if n.told else None
 
-_TOLD = re.compile(r"  /\* (?:[^,*]+, )?([^ ,*]+\.py):\d+[^*]* \*/$")
+    return [line.change(rule) for line in lines], file
+
 
 _SIGNS = {
     "≤": "<=", "≥": ">=", "≠": "!=", "±": "+-", "×": "x", "·": "*", "−": "-", "–": "-", "—": "-",

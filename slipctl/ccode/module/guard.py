@@ -6,7 +6,6 @@ which. Both are CasADi Functions of scalars: Python calls them, and C has their 
 
 from __future__ import annotations
 
-import re
 from functools import lru_cache
 from typing import Any
 
@@ -15,7 +14,10 @@ import numpy as np
 
 from slipctl.block.text.intermediates import remember_locals
 from slipctl.ccode.passes.local_names import name_locals, with_inside
+from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import Writer
+from slipctl.ccode.tree.nodes import Node
+from slipctl.ccode.tree.parser import expression
 
 BAD_INPUT, BAD_RESULT, BAD_PARAM, OFF_RANGE, LIMITED, REFUSED, RESET, NO_INIT, TIMING = (
     1 << k for k in range(9)
@@ -125,21 +127,25 @@ def counter_after() -> ca.Function:
     return ca.Function("later", [tick, missed, ticks], [found], names, ["counted"])
 
 
-def text(f: ca.Function, names: list[str], results: list[str]) -> list[str]:
+def statements(f: ca.Function, names: list[str], results: list[str]) -> list[Node]:
     """Statements of a rule in C: arguments are read by these names, first results written to these.
 
     The others are locals, by the names that the rule gives its results.
     """
     given = [f.name_out(k) for k in range(f.n_out())]
-    words = re.findall(r"\w+", " ".join([*names, *results, *given]))
+    read = [expression(n) for n in names]
+    words = c.words(read) | c.words(map(expression, results)) | set(given)
     inner, letters = with_inside(f, words)
-    writer = Writer(inner, lambda i, k: names[i], letters, shown=f.n_out(), modest=True).run()
+    writer = Writer(inner, lambda i, k: read[i], letters, shown=f.n_out(), modest=True).run()
     at = dict(writer.results)
     lines = list(writer.lines)
     # a result may be an argument of the next: all are known before one is written
-    for i, name in enumerate(given):
-        lines.append(f"const double {name} = {writer.result(at[i, 0])};")
-    lines += [f"{to} = {name};" for to, name in zip(results, given, strict=False)]
+    lines += [
+        c.declare("const double", name, writer.result(at[i, 0])) for i, name in enumerate(given)
+    ]
+    lines += [
+        c.assign(expression(to), c.name(name)) for to, name in zip(results, given, strict=False)
+    ]
     return name_locals(lines, "", words)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -12,21 +11,21 @@ from slipctl.ccode.module.comments import comment
 from slipctl.ccode.module.header import prototype
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Ends, Plan
+from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import number
-from slipctl.ccode.tree.statements import conjunction, define, if_
+from slipctl.ccode.tree.nodes import Node
+from slipctl.ccode.tree.parser import define, expression, if_
 
 
-def check_inputs(plan: Plan) -> str:
+def check_inputs(plan: Plan) -> list[Node]:
     """Function that takes what is good of the inputs, and says what was not."""
     n, lay = plan.name, plan.layout
     if not lay.inputs:
-        return ""
-    lines, ends = _known(plan)
-    good = ["(guard->fresh > 0.0)", *_all_good(lay.inputs, ends)]
-    lines += [
-        "unsigned int told = 0U;",
-        if_([conjunction(good)], "guard->last = *in;", "return told;"),
-    ]
+        return []
+    known, ends = _known(plan)
+    lines: list[str | Node] = [*known]
+    good = " && ".join(["(guard->fresh > 0.0)", *_all_good(lay.inputs, ends)])
+    lines += ["unsigned int told = 0U;", if_(good, "guard->last = *in;", "return told;")]
     at = 0
     for m in lay.inputs:
         if m.signal.judged:  # by the block: it has to see what is wrong
@@ -55,41 +54,48 @@ def check_inputs(plan: Plan) -> str:
         at += m.size
     lines.append("guard->fresh = (told == 0U) ? 1.0 : 0.0;")
     what = comment("Take the inputs, of one that is bad its last good value; bits of the status.")
-    text = "\n".join(lines)
+    used = [*known, *map(expression, ends.values())]
     signature = prototype(plan, "static unsigned int", "check_inputs", f"const {n}_in *in",
-                          *_types(plan, text), f"struct {n}_guard *guard")  # fmt: skip
-    return f"{what}\n" + define(signature, [*lines, f"return told % {guard.UNSURE}U;"])
+                          *_types(plan, used), f"struct {n}_guard *guard")  # fmt: skip
+    return [define(signature, [*lines, f"return told % {guard.UNSURE}U;"], what)]
 
 
-def _known(plan: Plan) -> tuple[list[str], dict[Any, str]]:
+def _known(plan: Plan) -> tuple[list[Node], dict[Any, str]]:
     """Ends of inputs in C. What follows other inputs is worked out before this tick changes them.
 
     Before its first good value, and where the last one is forgotten, an input speaks for itself.
     """
     longest = number(guard.memory(plan.period, plan.stale) - 0.5)  # ages are whole and halves
     lines, ends = plan.ends_text(plan.layout.inputs, last=True)
-    made, at = dict[str, str](), 0
-    text = "\n".join([*lines, *ends.values()])
+    read = {n.text for end in ends.values() for n in expression(end).walk()}
+    read |= {n.text for line in lines for n in line.walk() if n.kind in ("member", "index")}
+    made, known, at = dict[str, Node](), list[Node](), 0
     for m in plan.layout.inputs:
         for k in range(m.size):
             last = m.at("guard->last.", k)
-            if re.search(rf"{re.escape(last)}(?!\w)", text):
+            if last in read:
                 name = f"known_{m.c}" + f"_{k}" * (m.size > 1)
+                made[last] = c.name(name)
                 there = f"within(guard->age[{at + k}], 0.0, {longest})"
-                given = f"{there} ? {last} : {m.at('in->', k)}"
-                made[last] = f"const double {name} = {given};"
-                swap = re.compile(rf"{re.escape(last)}(?!\w)")
-                lines = [swap.sub(name, line) for line in lines]
-                ends = {key: swap.sub(name, end) for key, end in ends.items()}
+                given = expression(f"{there} ? {last} : {m.at('in->', k)}")
+                known.append(c.declare("const double", name, given))
         at += m.size
+
+    def rule(n: Node) -> Node | None:
+        return made.get(n.text) if n.kind in ("member", "index") else None
+
+    lines = [line.change(rule) for line in lines]
     once: dict[str, str] = {}
-    for (c, k, what), end in ends.items():
-        if made and re.search(r"known_|\w\(|\ba\d", end):
-            if end not in once:
-                once[end] = f"{what}_{c}" + f"_{k}" * (k > 0)
-                lines.append(f"const double {once[end]} = {end};")
-            ends[c, k, what] = once[end]
-    return [*made.values(), *lines], ends
+    for (m_c, k, what), end in ends.items() if made else ():
+        new = expression(end).change(rule)
+        ends[m_c, k, what] = new.text
+        letters = any(w[:1] == "a" and w[1:].isdecimal() for w in new.words)
+        if new.calls() or letters or any(w.startswith("known_") for w in new.words):
+            if new.text not in once:
+                once[new.text] = f"{what}_{m_c}" + f"_{k}" * (k > 0)
+                lines.append(c.declare("const double", once[new.text], new))
+            ends[m_c, k, what] = once[new.text]
+    return [*known, *lines], ends
 
 
 def _all_good(inputs: Iterable[Member], ends: dict[Any, str]) -> list[str]:
@@ -110,24 +116,25 @@ def _all_good(inputs: Iterable[Member], ends: dict[Any, str]) -> list[str]:
     return found
 
 
-def early_good(plan: Plan) -> tuple[list[str], str]:
+def early_good(plan: Plan) -> tuple[list[Node], str]:
     """Statements, and the condition that the inputs which ``prepare`` reads are in their ranges."""
     lines, ends = plan.ends_text(plan.early)
     open_ = {k: "DBL_MAX" if k[2] == "change" else v for k, v in ends.items()}
-    return lines, conjunction(_all_good(plan.early, open_))
+    return lines, " && ".join(_all_good(plan.early, open_))
 
 
-def _types(plan: Plan, text: str) -> list[str]:
+def _types(plan: Plan, nodes: Iterable[Node]) -> list[str]:
     """Declarations of what the ends of ranges are expressions of."""
-    return [plan.types[p] for p in ("param", "derived") if re.search(rf"\b{p}->", text)]
+    words = c.words(nodes)
+    return [plan.types[p] for p in ("param", "derived") if p in words]
 
 
 def ends_given(plan: Plan, members: Sequence[Member], param: str) -> list[str]:
     """Arguments for them, where the parameters are ``param``."""
     lines, ends = plan.ends_text(members, last=members == plan.layout.inputs)
-    text = " ".join([*lines, *ends.values()])
+    words = c.words([*lines, *map(expression, ends.values())])
     places = {"param": param, "derived": "&state->derived"}
-    return [place for p, place in places.items() if re.search(rf"\b{p}->", text)]
+    return [place for p, place in places.items() if p in words]
 
 
 def check_inputs_call(plan: Plan, param: str) -> str:
@@ -148,13 +155,13 @@ def limit_outputs_call(plan: Plan, out: str, param: str = "&state->in_force") ->
     return f"limit_outputs({', '.join([*ends_given(plan, limited, param), out])})"
 
 
-def part_off(plan: Plan) -> str:
+def part_off(plan: Plan) -> list[Node]:
     """Function that says of which part a next state is out of its range."""
     members = [m for m in plan.layout.states if plan.ranged(m)]
     if not members:
-        return ""
+        return []
     lines, ends = plan.ends_text(members)
-    tests: list[str] = []
+    tests: list[Node] = []
     for k, own in enumerate(plan.parts.values(), start=1):
         found: list[str] = []
         for m in own:
@@ -168,34 +175,33 @@ def part_off(plan: Plan) -> str:
             else:
                 found += [f"within({m.at('x->', i)}, {e})" for i, e in enumerate(each)]
         if found:
-            tests.append(if_([f"!({conjunction(found)})"], f"return {k};"))
-    text = "\n".join([*lines, *tests])
+            tests.append(if_(f"!({' && '.join(found)})", f"return {k};"))
     what = comment("The first part of which a next state is out of its range, 0 for none.")
-    signature = prototype(plan, "static int", "part_off",
-                          f"const struct {plan.name}_kept *x", *_types(plan, text))  # fmt: skip
-    return f"{what}\n" + define(signature, [*lines, *tests, "return 0;"])
+    given = [f"const struct {plan.name}_kept *x", *_types(plan, [*lines, *tests])]
+    signature = prototype(plan, "static int", "part_off", *given)
+    return [define(signature, [*lines, *tests, "return 0;"], what)]
 
 
-def recover(plan: Plan) -> str:
+def recover(plan: Plan) -> list[Node]:
     """Function that counts refused ticks and resets parts of the state when they are too many."""
     n, parts = plan.name, len(plan.parts)
     if not parts:
-        return ""
-    rule = guard.text(
+        return []
+    rule = guard.statements(
         guard.patience(parts), ["state->guard.refused", "(double)off"], ["state->guard.refused"]
     )
     which = f"const int part = (which > {number(parts + 0.5)}) ? 0 : (int)which;"
     call = "start(%s, &state->kept, part)"
-    reset = [f"{call % 'param'};"]
+    reset: list[str | Node] = [f"{call % 'param'};"]
     if any(m.signal.derived for m in plan.layout.states):
         # parameters may give no good start: then it is that of the defaults
         other = [f"(void){call % '&defaults'};"]
         if not plan.layout.params:
             other = [f"{n}_param safe;", f"{n}_default(&safe);", f"(void){call % '&safe'};"]
-        reset = [if_([f"!{call % 'param'}"], *other)]
-    lines = [
+        reset = [if_(f"!{call % 'param'}", *other)]
+    lines: list[str | Node] = [
         *rule,
-        if_(["which > 0.0"], which, *reset, f"return (unsigned int){plan.layout.big}_RESET;"),
+        if_("which > 0.0", which, *reset, f"return (unsigned int){plan.layout.big}_RESET;"),
         "return 0U;",
     ]
     order = ", ".join(p or "the state" for p in plan.parts)
@@ -206,13 +212,13 @@ def recover(plan: Plan) -> str:
     )
     signature = prototype(plan, "static unsigned int", "recover", f"const {n}_param *param",
                           f"{n}_state *state", "int off")  # fmt: skip
-    return f"{what}\n" + define(signature, lines)
+    return [define(signature, lines, what)]
 
 
-def catch_up(plan: Plan) -> str:
+def catch_up(plan: Plan) -> list[Node]:
     """Function that moves on the counters of parts that run every few ticks."""
     if not plan.counters:
-        return ""
+        return []
     lines = [
         f"{m.at('x->', k)} = later({m.at('x->', k)}, missed, {number(float(ticks))});"
         for m, ticks in plan.counters for k in range(m.size)
@@ -223,14 +229,14 @@ def catch_up(plan: Plan) -> str:
     )
     signature = prototype(plan, "static void", "catch_up", f"struct {plan.name}_kept *x",
                           "double missed")  # fmt: skip
-    return f"{what}\n" + define(signature, lines)
+    return [define(signature, lines, what)]
 
 
-def finite(plan: Plan) -> str:
+def finite(plan: Plan) -> list[Node]:
     """Functions that say whether what comes out of the equations is finite."""
     ahead = plan.ahead
     if not plan.untested:
-        return ""
+        return []
     rest = [place for place in plan.untested if place[0] not in ahead]
     first = [place for place in plan.untested if place[0] in ahead]
     arguments = [f"const struct {plan.name}_kept *next", f"const {plan.name}_out *now"]
@@ -241,7 +247,7 @@ def finite(plan: Plan) -> str:
         given = with_results(plan, arguments, places)
         lines = _zero(places)
         made.append(define(prototype(plan, "static bool", name, *given), lines))
-    return "\n\n".join(made)
+    return made
 
 
 def with_results(
@@ -286,17 +292,17 @@ def _zero(elements: Iterable[tuple[Member, str, int]]) -> list[str]:
             "return zero == 0.0;"]  # fmt: skip
 
 
-def limit_outputs(plan: Plan) -> str:
+def limit_outputs(plan: Plan) -> list[Node]:
     """Function that puts outputs that left their ranges to the ends of them."""
     limited = [m for m in plan.layout.outputs if plan.ranged(m)]
     if not limited:
-        return ""
+        return []
     lines, ends = plan.ends_text(limited)
     once: dict[str, str] = {}
-    for (c, k, what), end in ends.items():
+    for (m_c, k, what), end in ends.items():
         if "->" in end and end not in once:
-            name = once[end] = f"{what}_{c}" + f"_{k}" * (k > 0)
-            lines.append(f"const double {name} = {end};")
+            name = once[end] = f"{what}_{m_c}" + f"_{k}" * (k > 0)
+            lines.append(c.declare("const double", name, expression(end)))
     ends = {key: once.get(end, end) for key, end in ends.items()}
     calls: list[str] = []
     for m in limited:
@@ -305,12 +311,11 @@ def limit_outputs(plan: Plan) -> str:
             calls.append(f"limit_all(out->{m.c}, {m.size}, {each[0]})")
         else:
             calls += [f"limit(&{m.at('out->', k)}, {e})" for k, e in enumerate(each)]
-    lines.append(f"return {conjunction(calls, 'return ', '|')};")
-    text = "\n".join(lines)
+    lines.append(c.give(expression(" | ".join(calls))))
     signature = prototype(plan, "static unsigned int", "limit_outputs",
-                          *_types(plan, text), f"{plan.name}_out *out")  # fmt: skip
+                          *_types(plan, lines), f"{plan.name}_out *out")  # fmt: skip
     what = comment("Put outputs into their ranges; a bit of the status.")
-    return f"{what}\n" + define(signature, lines)
+    return [define(signature, lines, what)]
 
 
 def _ends(plan: Plan, m: Member) -> tuple[str, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
 from typing import Any
 
@@ -12,10 +11,10 @@ from slipctl.ccode.module import guard, rates, tick_counter
 from slipctl.ccode.module.comments import comment
 from slipctl.ccode.module.layout import Member, change_text, noise_text, own_name, range_text
 from slipctl.ccode.module.plan import Plan, first_sentence
-from slipctl.ccode.passes.precision import in_precision, size
+from slipctl.ccode.passes.precision import size
 from slipctl.ccode.passes.scratch import structs
 from slipctl.ccode.tree.expressions import number
-from slipctl.ccode.tree.statements import declaration_lines
+from slipctl.ccode.tree.printer import signature
 
 STATUS = (
     ("OK", 0, "all is well"),
@@ -123,7 +122,7 @@ def header(plan: Plan) -> str:
         _prototypes(plan),
         f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {big}_H */",
     ]
-    return in_precision("\n\n".join(parts) + "\n", plan.real, plan.block.name)
+    return "\n\n".join(parts) + "\n"
 
 
 def _about(plan: Plan) -> str:
@@ -157,44 +156,44 @@ def memory(plan: Plan) -> str:
 def _struct(plan: Plan, suffix: str, what: str, members: tuple[Member, ...]) -> str:
     lines = [comment(what), f"typedef struct {plan.name}_{suffix} {{"]
     for m in members:
-        lines += [member_comment(m), f"    {m.declared()}"]
+        lines += [member_comment(m), f"    {m.declared(plan.real)}"]
     if not members:
-        lines.append("    double unused; /* there are none; C wants a member */")
+        lines.append(f"    {plan.real} unused; /* there are none; C wants a member */")
     return "\n".join([*lines, f"}} {plan.name}_{suffix};"])
 
 
 def _state(plan: Plan) -> str:
-    n, lay = plan.name, plan.layout
+    n, lay, real = plan.name, plan.layout, plan.real
     _, _, sz_iw, sz_w = plan.equations.work
     lines = []
     if lay.derived:
         lines += [comment("Derived parameters, computed by init and tune.")]
         lines += [f"struct {n}_derived {{"]
         for m in lay.derived:
-            lines += [member_comment(m), f"    {m.declared()}"]
+            lines += [member_comment(m), f"    {m.declared(real)}"]
         lines += ["};", ""]
     ages = [
-        f"    double age[{plan.n_in}]; /* ticks without, less good ones since; -1: none yet */",
-        "    double fresh; /* 1 if all were good in the last tick, and are sure */",
+        f"    {real} age[{plan.n_in}]; /* ticks without, less good ones since; -1: none yet */",
+        f"    {real} fresh; /* 1 if all were good in the last tick, and are sure */",
     ]
     lines += [
         f"struct {n}_guard {{",
         f"    {n}_in last; /* inputs as the equations see them: the last good ones */",
         *ages * bool(plan.n_in),
-        "    double refused; /* ticks refused in a row since the last good one or reset */",
-        *["    double missed; /* ticks refused since the last good one */"] * bool(plan.counters),
-        "    double mark; /* set by init, looked for by step */",
+        f"    {real} refused; /* ticks refused in a row since the last good one or reset */",
+        *[f"    {real} missed; /* ticks refused since the last good one */"] * bool(plan.counters),
+        f"    {real} mark; /* set by init, looked for by step */",
         "};",
         "",
     ]
     if lay.states:
         lines += _kept(plan)
     if plan.work_in_state:  # at file scope, as in C++ a struct within another is another
-        members = [f"double w[{sz_w}];"] * bool(sz_w) + [f"int iw[{sz_iw}];"] * bool(sz_iw)
+        members = [f"{real} w[{sz_w}];"] * bool(sz_w) + [f"int iw[{sz_iw}];"] * bool(sz_iw)
         whole = [f"struct {n}_work {{ {' '.join(members)} }};", ""]
         if arrays := plan.equations.arrays:
             what = "Arrays of functions of step, where they would take too much of the stack."
-            whole = [comment(what), *structs(arrays, f"{n}_work")]
+            whole = [comment(what), *structs(arrays, f"{n}_work", real)]
         lines += whole
     lines += [
         comment("State: set by init, changed by step; a copy of the struct saves an instance."),
@@ -218,12 +217,11 @@ def _state(plan: Plan) -> str:
 
 def _kept(plan: Plan) -> list[str]:
     """Structs of what a good tick keeps: one for each part, and the whole."""
-    lines: list[str] = []
-    whole: list[str] = []
+    real, lines, whole = plan.real, list[str](), list[str]()
     for struct, own in plan.layout.kept:
         members = [
-            line for m in own
-            for line in (member_comment(m), f"    {m.declared(own_name(m) if struct else m.c)}")
+            line for m in own for name in [own_name(m) if struct else m.c]
+            for line in (member_comment(m), f"    {m.declared(real, name)}")
         ]  # fmt: skip
         if not struct:
             whole += members
@@ -239,7 +237,7 @@ def _kept(plan: Plan) -> list[str]:
 
 def prototype(plan: Plan, result: str, function: str, *arguments: str) -> str:
     """Declaration of a function of the module, wrapped."""
-    return declaration_lines(result, function, *arguments)
+    return signature(result, function, arguments)
 
 
 def prototypes(plan: Plan) -> dict[str, str]:
@@ -295,11 +293,6 @@ def _prototypes(plan: Plan) -> str:
     told |= rates.rate_docs(plan) if plan.rates else {}
     told |= {"step_counted": tick_counter.counter_doc(plan)} if plan.counter else {}
     return "\n\n".join(f"{comment(what)}\n{texts[k]};" for k, what in told.items())
-
-
-def identifier_free(text: str, name: str) -> bool:
-    """Whether ``name`` is used nowhere in a piece of C; a member of that name is another."""
-    return re.search(rf"(?<!->)(?<!\.)\b{name}\b", text) is None
 
 
 def bit(name: str) -> int:

@@ -13,6 +13,8 @@ from slipctl.block.curves import places_of
 from slipctl.block.signals import Signal
 from slipctl.ccode.module.comments import ascii_text
 from slipctl.ccode.tree.expressions import number
+from slipctl.ccode.tree.nodes import Node
+from slipctl.ccode.tree.parser import expression
 from slipctl.errors import BadInput
 
 _C_WORDS = """
@@ -78,14 +80,18 @@ class Member:
         """C expression of element k."""
         return f"{pointer}{self.c}" if self.scalar else f"{pointer}{self.c}[{k}]"
 
+    def node(self, pointer: str, k: int) -> Node:
+        """The same as a node."""
+        return expression(self.at(pointer, k))
+
     def address(self, pointer: str) -> str:
         """C expression of the address of its first element."""
         return f"&{pointer}{self.c}" if self.scalar else f"{pointer}{self.c}"
 
-    def declared(self, name: str = "") -> str:
-        """Declaration inside a struct, by its C name or another."""
+    def declared(self, real: str, name: str = "") -> str:
+        """Declaration inside a struct, by its C name or another, in this precision."""
         name = name or self.c
-        return f"double {name};" if self.scalar else f"double {name}[{self.size}];"
+        return f"{real} {name};" if self.scalar else f"{real} {name}[{self.size}];"
 
 
 @dataclass(frozen=True)
@@ -131,16 +137,6 @@ class Layout:
             m.c: f"{struct}.{own_name(m)}" if struct else m.c
             for struct, own in self.kept for m in own
         }  # fmt: skip
-
-    def nested(self, text: str) -> str:
-        """C text in which a state of a part is a member of the struct of that part."""
-        moved = {c: place for c, place in self.places.items() if c != place}
-        if not moved:
-            return text
-        use = re.compile(
-            r"((?:\b(?:state|next|x)->|\b(?:kept|next)\.))(" + "|".join(moved) + r")\b"
-        )
-        return use.sub(lambda m: m[1] + moved[m[2]], text)
 
 
 def layout(block: Block, name: str) -> Layout:

@@ -7,7 +7,6 @@ and outputs there. Its equations are those of its own block, with the letters of
 from __future__ import annotations
 
 import itertools
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,14 +19,18 @@ from slipctl.block.signals import Signal
 from slipctl.block.transforms.discretisation import slower
 from slipctl.ccode.module.comments import FILE, comment, of_one_file, with_origins
 from slipctl.ccode.module.layout import Member, c_name
+from slipctl.ccode.module.shapes import dense_value
 from slipctl.ccode.passes.letters import Told, letters
 from slipctl.ccode.passes.local_names import name_locals
+from slipctl.ccode.passes.member_results import copy_statements, place_locals
 from slipctl.ccode.passes.rolled_loops import roll_lines
-from slipctl.ccode.tree.expressions import ANY, FINITE, Unsupported, Writer
+from slipctl.ccode.tree import nodes as c
+from slipctl.ccode.tree.expressions import ANY, FINITE, Unsupported, Writer, constant
 from slipctl.ccode.tree.functions import Functions
 from slipctl.ccode.tree.graph import free_name
-from slipctl.ccode.tree.shapes import dense_value
-from slipctl.ccode.tree.statements import copy_statements, place_locals
+from slipctl.ccode.tree.nodes import Node
+from slipctl.ccode.tree.parser import code, expression
+from slipctl.ccode.tree.vectors import place
 
 POINTERS = ("in", "param", "derived", "state", "next", "now", "work")
 """Structs that a part may be given."""
@@ -53,20 +56,21 @@ class Parts:
 
     Attributes:
         functions: named functions that the parts call.
+        types: declaration of each struct that a part may be given, by its name.
         can_be: what (C name, pointer, element) can be.
-        texts: text of each part by its C name.
+        made: function of each part by its C name.
         lines: the calls, in the order of the wires.
-        ticks: from one run of a call to the next, where it is not 1.
+        ticks: from one run of a part to the next, where it is not 1, by its C name.
         results: for each (C name, pointer, element), what tells that two of them are one number.
     """
 
     functions: Functions
-    signature: Callable[[str, str, Sequence[str]], str]
+    types: Mapping[str, Node]
     can_be: Callable[[Place, int], int]
-    texts: dict[str, str] = field(default_factory=dict)
-    lines: list[str] = field(default_factory=list)
+    made: dict[str, Node] = field(default_factory=dict)
+    lines: list[Node] = field(default_factory=list)
     ticks: dict[str, int] = field(default_factory=dict)
-    results: dict[tuple[str, str, int], str] = field(default_factory=dict)
+    results: dict[tuple[str, str, int], Node] = field(default_factory=dict)
     known: dict[tuple[str, str, int], int] = field(default_factory=dict)
     written: Iterator[int] = field(default_factory=itertools.count)
 
@@ -119,12 +123,12 @@ class Parts:
     def _started(self, place: Place) -> bool:
         return (place[0].c, place[1], 0) in self.results
 
-    def _copy(self, lines: list[str], to: Place, source: Place) -> None:
+    def _copy(self, lines: list[Node], to: Place, source: Place) -> None:
         """Give an output the value of what stands elsewhere."""
-        lines += _moved(_base(to), _base(source), to[0])
+        lines += _moved(to, source)
         for k in range(to[0].size):
             key = source[0].c, source[1], k
-            self.results[to[0].c, to[1], k] = self.results.get(key, source[0].at(source[1], k))
+            self.results[to[0].c, to[1], k] = self.results.get(key, source[0].node(source[1], k))
             self.known[to[0].c, to[1], k] = self._can_be(source, k)
 
     def _can_be(self, place: Place, k: int) -> int:
@@ -147,21 +151,20 @@ class Parts:
         lines = self._lines(block, path, wires, outputs, last)
         lines = place_locals(name_locals(lines, c_name(path), self.functions.reserved))
         lines, file = of_one_file(lines)
-        text = "\n".join(lines)
         what = f"{path or block.name}: {_first(block.doc)}" if block.doc else path or block.name
         what += f" {FILE}{file}." if file else ""
-        used = [p for p in POINTERS if re.search(rf"\b{p}\b", text)]
-        signature = self.signature("static void", name, used)
-        body = "\n".join(f"    {line}" for line in lines)
-        self.texts[name] = f"{comment(what)}\n{signature}\n{{\n{body}\n}}"
-        self.lines.append(f"{name}({', '.join(used)});")
+        words = c.words(lines)
+        used = [p for p in POINTERS if p in words]
+        given = [self.types[p] for p in used] or [Node("declare", "void")]
+        self.made[name] = c.function("static void", name, given, lines, comment(what))
+        self.lines.append(c.do(c.call(name, map(c.name, used))))
         held = _every(block)
         if held is not None:
-            self.ticks[self.lines[-1]] = held[1]
+            self.ticks[name] = held[1]
 
     def _lines(
         self, block: Block, path: str, wires: Wires, outputs: Sequence[str], last: bool
-    ) -> list[str]:
+    ) -> list[Node]:
         held = _every(block)
         if held is None or not last or len(outputs) < len(block.outputs):
             return self._equations(block, wires, outputs, last)
@@ -174,18 +177,18 @@ class Parts:
         )  # fmt: skip
         run = self._inside(inner, path, own, outputs)
         tick_now, tick_next = tick[0].at(tick[1], 0), wires.following[counter][0].at("next->", 0)
-        lines = [f"if ({tick_now} == 0.0) {{", *(f"    {line}" for line in run), "}"]
-        lines.append(f"{tick_next} = ({tick_now} >= {n - 1}.0) ? 0.0 : ({tick_now} + 1.0);")
+        lines = [c.branch(expression(f"{tick_now} == 0.0"), run)]
+        lines += code(f"{tick_next} = ({tick_now} >= {n - 1}.0) ? 0.0 : ({tick_now} + 1.0);")
         for k in inner.states:
             self._forget(own.following[k])
         for h, k in names.items():
             self._forget(wires.following[h])
             self._copy(lines, wires.outputs[k], wires.following[h])
         self.known[tick[0].c, "next->", 0] = FINITE
-        self.results[tick[0].c, "next->", 0] = tick_next
+        self.results[tick[0].c, "next->", 0] = expression(tick_next)
         return lines
 
-    def _inside(self, inner: Block, path: str, wires: Wires, outputs: Sequence[str]) -> list[str]:
+    def _inside(self, inner: Block, path: str, wires: Wires, outputs: Sequence[str]) -> list[Node]:
         """Statements of a block that runs at times; parts of it are functions of their own."""
         if not inner.prefixed:
             return self._lines(inner, path, wires, outputs, True)
@@ -197,11 +200,11 @@ class Parts:
     def _forget(self, place: Place) -> None:
         """What comes from one of two branches is itself, and may be anything that either is."""
         for k in range(place[0].size):
-            self.results[place[0].c, place[1], k] = place[0].at(place[1], k)
+            self.results[place[0].c, place[1], k] = place[0].node(place[1], k)
 
     def _equations(
         self, block: Block, wires: Wires, outputs: Sequence[str], last: bool
-    ) -> list[str]:
+    ) -> list[Node]:
         """Statements of a block's own equations."""
         groups = [block.symbols(role) for role in ("state", "input", "param")]
         with letters(groups, block.doc) as told:
@@ -229,14 +232,14 @@ class Parts:
         f = ca.Function("part", arguments, results, {"cse": True})
         return self._scalar(f, places, targets, page, [wires.outputs[k] for k in known])
 
-    def _read(self, places: Sequence[Place | None], i: int, k: int) -> str:
+    def _read(self, places: Sequence[Place | None], i: int, k: int) -> Node:
         place = places[i]
-        return "0.0" if place is None else place[0].at(place[1], k)
+        return constant(0.0) if place is None else expression(place[0].at(place[1], k))
 
     def _scalar(
         self, f: ca.Function, places: Sequence[Place | None], targets: Sequence[tuple[Place, str]],
         page: Told, known: Sequence[Place],
-    ) -> list[str]:  # fmt: skip
+    ) -> list[Node]:  # fmt: skip
         shown, places, part = len(targets), [*places, *known], next(self.written)
         taken = self.functions.taken(f)
         local: dict[tuple[int, int], str] = {}
@@ -258,13 +261,12 @@ class Parts:
         lines = list(writer.lines)
         for (i, k), node in writer.results:
             (m, pointer), _ = targets[i]
-            text = writer.result(node)
-            lines.append(f"{m.at(pointer, k)} = {text};")
+            made = writer.result(node)
+            lines.append(c.assign(expression(m.at(pointer, k)), made))
             self.known[m.c, pointer, k] = writer.can_be[node]
             self.results[m.c, pointer, k] = (
-                text if "->" in text and text.replace("->", "").isidentifier()
-                else f"{part} {node}"
-            )  # fmt: skip
+                made if made.kind == "member" else c.name(f"{part} {node}")
+            )
         lines = roll_lines(copy_statements(lines), set(local.values()))
         return with_origins(lines, _equations_of(local, targets, page))
 
@@ -275,14 +277,13 @@ class Parts:
     def _arrays(
         self, f: ca.Function, places: Sequence[Place | None], targets: Sequence[tuple[Place, str]],
         page: Told,
-    ) -> list[str]:  # fmt: skip
+    ) -> list[Node]:  # fmt: skip
         sources = []
-        for i, place in enumerate(places):
-            if place is None and f.nnz_in(i) > 1:
+        for i, at in enumerate(places):
+            if at is None and f.nnz_in(i) > 1:
                 raise Unsupported("a vector that comes later")
-            sources.append("0.0" if place is None else _base(place))
-        outputs = [_base(p).removesuffix("[]") for p, _ in targets]
-        outputs += [""] * (f.n_out() - len(targets))
+            sources.append(constant(0.0) if at is None else _base(at))
+        outputs = [_array(p) for p, _ in targets] + [None] * (f.n_out() - len(targets))
         taken = self.functions.taken(f)
         free: dict[int, str] = {}
         for i, (_, name) in enumerate(targets):
@@ -297,7 +298,7 @@ class Parts:
         )  # fmt: skip
         for (m, pointer), _ in targets:
             for k in range(m.size):
-                self.results[m.c, pointer, k] = m.at(pointer, k)
+                self.results[m.c, pointer, k] = m.node(pointer, k)
         return with_origins(
             lines, _equations_of({(i, 0): name for i, name in free.items()}, targets, page)
         )
@@ -315,9 +316,9 @@ def _equations_of(
         if origin:
             found[f"{pointer}{m.c}"] = told
             found |= {local[i, k]: told for k in range(m.size) if (i, k) in local}
-    for (i, _), c in local.items():
+    for (i, _), own in local.items():
         if i in page.names and page.origins[i]:
-            for c_or_array in (c, page.names[i]):
+            for c_or_array in (own, page.names[i]):
                 found.setdefault(c_or_array, (page.names[i], page.origins[i]))
     return found
 
@@ -328,19 +329,22 @@ def _local(name: str, element: str = "") -> str:
     return f"{c_name(last)}{element}{'_next' * bool(following)}"
 
 
-def _base(place: Place) -> str:
-    """Text of a scalar, or of an array with ``[]`` behind."""
+def _array(place: Place) -> Node:
+    """The variable, or the array as a whole."""
     m, pointer = place
-    if m.size > 1:
-        return f"{pointer}{m.c}[]"
-    return m.at(pointer, 0)
+    return expression(f"{pointer}{m.c}" if m.size > 1 else m.at(pointer, 0))
 
 
-def _moved(to: str, source: str, m: Member) -> list[str]:
+def _base(at: Place) -> Node:
+    """The variable, or the vector that lies in the array."""
+    return place(_array(at), 0) if at[0].size > 1 else _array(at)
+
+
+def _moved(to: Place, source: Place) -> list[Node]:
     """Statements that copy a value."""
-    if m.size > 1:
-        return [f"copy({to[:-2]}, {source[:-2]}, {m.size});"]
-    return [f"{to} = {source};"]
+    if to[0].size > 1:
+        return [c.do(c.call("copy", [_array(to), _array(source), c.integer(to[0].size)]))]
+    return [c.assign(_array(to), _array(source))]
 
 
 def _every(block: Block) -> tuple[Block, int, str, dict[str, str]] | None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -16,10 +15,13 @@ from slipctl.block.transforms.discretisation import counters
 from slipctl.ccode.module.kernel import Kernel, by_parts, kernel
 from slipctl.ccode.module.layout import LOCAL, Layout, Member, layout
 from slipctl.ccode.module.parts import Place, Wires
+from slipctl.ccode.module.shapes import constant, dense_value, matrix
 from slipctl.ccode.passes.precision import check_real, round_to_real, size
+from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import FINITE, NUMBER, Unsupported, Writer, number
-from slipctl.ccode.tree.shapes import constant, dense_value, matrix
-from slipctl.ccode.tree.statements import declaration_lines
+from slipctl.ccode.tree.nodes import Node
+from slipctl.ccode.tree.parser import code, expression
+from slipctl.ccode.tree.structure import drop_unused
 from slipctl.errors import BadInput
 
 ON_STACK = 128
@@ -96,14 +98,11 @@ class Plan:
             {m.name: (m, "now->") for m in lay.outputs},
         )  # fmt: skip
 
-        def signature(result: str, name: str, used: Sequence[str]) -> str:
-            return declaration_lines(result, name, *([self.types[u] for u in used] or ["void"]))
-
         def can_be(place: Place, k: int) -> int:
             return NUMBER if place[1] == "param->" else FINITE
 
-        work = self.types["work"]
-        return by_parts(self.block, wires, signature, self.results, self.docs, can_be, work)
+        types = {k: _declared(text) for k, text in self.types.items()}
+        return by_parts(self.block, wires, types, self.results, self.docs, can_be)
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -275,7 +274,7 @@ class Plan:
 
     def ends_text(
         self, members: Iterable[Member], last: bool = False
-    ) -> tuple[list[str], dict[Any, str]]:
+    ) -> tuple[list[Node], dict[Any, str]]:
         """The same in C: statements, and an expression by (member, element, what).
 
         Args:
@@ -308,11 +307,11 @@ class Plan:
             return [], texts
         f = ca.Function("ends", list(symbols.values()), results)
         members_ = [places[s.name] for s in read]
-        writer = Writer(f, lambda i, k: members_[i][0].at(members_[i][1], k)).run()
+        writer = Writer(f, lambda i, k: members_[i][0].node(members_[i][1], k)).run()
         self.bound_helpers |= set(writer.helpers)
         at = dict(writer.results)
         return list(writer.lines), texts | {
-            key: writer.result(at[i, 0]) for i, key in enumerate(keys)
+            key: writer.result(at[i, 0]).text for i, key in enumerate(keys)
         }
 
     def limits(self, m: Member) -> tuple[float, float]:
@@ -352,16 +351,16 @@ class Plan:
         seen: set[str] = set()
         for i, (m, pointer) in enumerate(self.results):
             for k in range(m.size):
-                text = made.results.get((i, k), f"{pointer}{m.c} {k}")
+                text = str(made.results.get((i, k), f"{pointer}{m.c} {k}"))
                 tested = pointer == "next->" and self.ranged(m)
                 if text not in seen and (i, k) not in made.finite and not tested:
                     found.append((m, pointer, k))
                 seen.add(text)
         return found
 
-    def _argument(self, i: int, k: int) -> str:
+    def _argument(self, i: int, k: int) -> Node:
         member, pointer = self.arguments[i]
-        return member.at(pointer, k)
+        return member.node(pointer, k)
 
     def _can_be(self, i: int, k: int) -> int:
         """What an argument can be: the step refuses an input, init and tune what is derived."""
@@ -389,7 +388,8 @@ class Plan:
             for k in range(m.size):
                 local = m.c + ("_next" if pointer == "next->" else "")
                 local += "" if m.scalar else f"_{k}"
-                if local in LOCAL or re.fullmatch(r"[abckrt]\d+", local) or local in taken:
+                letter = local[:1] in "abckrt" and local[1:].isdecimal()
+                if local in LOCAL or letter or local in taken:
                     continue
                 taken.add(local)
                 names[i, k] = local
@@ -413,34 +413,34 @@ class Plan:
             value = known[m.name] if m.signal.derived else 0.0
             results.append(dense_value(block, m.signal, ca.SX(value)))
         f = ca.Function("start", list(symbols.values()), results, {"cse": True})
-        return Writer(f, lambda i, k: lay.params[i].at("param->", k)).run()
+        return Writer(f, lambda i, k: lay.params[i].node("param->", k)).run()
 
-    def start_lines(self, members: tuple[Member, ...], first: int, pointer: str) -> list[str]:
+    def start_lines(self, members: tuple[Member, ...], first: int, pointer: str) -> list[Node]:
         """Statements that compute derived parameters or start values from expressions."""
         at = dict(self.start.results)
-        texts: list[str] = []
+        given: list[Node] = []
         for i, m in enumerate(members, start=first):
             if not m.signal.derived:
                 continue
             values = [self.start.result(at[i, k]) for k in range(m.size)]
-            if m.size > 2 and len(set(values)) == 1:
-                texts.append(f"fill({pointer}{m.c}, {m.size}, {values[0]});")
+            if m.size > 2 and all(v == values[0] for v in values):
+                array = expression(f"{pointer}{m.c}")
+                given.append(c.do(c.call("fill", [array, c.integer(m.size), values[0]])))
             else:
-                texts += [f"{m.at(pointer, k)} = {v};" for k, v in enumerate(values)]
-        needed = set(re.findall(r"\ba\d+\b", " ".join(texts)))
-        lines: list[str] = []
-        for line in reversed(self.start.lines):
-            name = re.match(r"const \w+ (\w+) =", line)
-            if name and name[1] in needed:
-                lines.append(line)
-                needed |= set(re.findall(r"\ba\d+\b", line))
-        return [*reversed(lines), *texts]
+                given += [c.assign(m.node(pointer, k), v) for k, v in enumerate(values)]
+        return [*drop_unused(self.start.lines, given), *given]
 
     def part_docs(self) -> Iterator[tuple[str, Block]]:
         """Path and block of each part that has a text."""
         for path, leaf in self.block.leaves():
             if leaf is not self.block and leaf.doc:
                 yield path, leaf
+
+
+def _declared(text: str) -> Node:
+    """A parameter of a function."""
+    (found,) = code(f"{text};")
+    return found
 
 
 def _tightest(m: Member, what: str, given: list[Any]) -> Any:

@@ -9,7 +9,6 @@ inputs, the last one takes or refuses the tick.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -17,8 +16,11 @@ from slipctl.ccode.module import guard
 from slipctl.ccode.module.comments import comment
 from slipctl.ccode.module.parts import POINTERS
 from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import number
-from slipctl.ccode.tree.statements import declaration_lines, define, if_
+from slipctl.ccode.tree.nodes import Node
+from slipctl.ccode.tree.parser import define, if_
+from slipctl.ccode.tree.printer import signature
 from slipctl.errors import BadInput
 
 
@@ -33,7 +35,7 @@ class Group(NamedTuple):
 
     name: str
     ticks: int
-    calls: tuple[str, ...]
+    calls: tuple[Node, ...]
 
 
 def groups(plan: Plan) -> tuple[Group, ...]:
@@ -47,7 +49,7 @@ def groups(plan: Plan) -> tuple[Group, ...]:
         raise BadInput(
             f"--rates: {plan.block.name} is written as a whole, not part by part; leave it out"
         )
-    rates = [made.ticks.get(line, 1) for line in made.lines]
+    rates = [made.ticks.get(line.parts[0].head, 1) for line in made.lines]
     if set(rates) <= {1}:
         raise BadInput(f"--rates: all of {plan.block.name} runs in every tick; leave it out")
     waits = _waits(made.lines, made.functions)
@@ -75,19 +77,19 @@ def _rate(plan: Plan, ticks: int) -> str:
     return f"every_{ticks}"
 
 
-def _waits(calls: Sequence[str], texts: Mapping[str, str]) -> list[set[int]]:
+def _waits(calls: Sequence[Node], functions: Mapping[str, Node]) -> list[set[int]]:
     """Earlier calls that each call has to wait for: those that write what it reads, or reverse.
 
     A member of ``now`` or ``next`` is written where it first appears, where it stands to the left
     of ``=``, and where it is passed on whole.
     """
-    bodies = [_with_called(call, texts) for call in calls]
-    members = [set(re.findall(r"\b(?:now|next)->\w+", b)) for b in bodies]
+    bodies = [_with_called(call, functions) for call in calls]
+    members = [{n.text for n in _members(b)} for b in bodies]
     waits: list[set[int]] = []
     seen: set[str] = set()
     writes: list[set[str]] = []
     for k, body in enumerate(bodies):
-        writes.append({m for m in members[k] if m not in seen or _written(m, body)})
+        writes.append({m for m in members[k] if m not in seen} | _written(body))
         seen |= members[k]
         waits.append({
             j for j in range(k)
@@ -96,25 +98,35 @@ def _waits(calls: Sequence[str], texts: Mapping[str, str]) -> list[set[int]]:
     return waits
 
 
-def _with_called(call: str, texts: Mapping[str, str]) -> str:
-    """A call with the text of what it calls, and of what that calls."""
-    found, left = [call], re.findall(r"\b(\w+)\(", call)
+def _with_called(call: Node, functions: Mapping[str, Node]) -> list[Node]:
+    """A call with the statements of what it calls, and of what that calls."""
+    found, left = [call], list(call.calls())
     known: set[str] = set()
     while left:
         name = left.pop()
-        if name in texts and name not in known:
+        if name in functions and name not in known:
             known.add(name)
-            body = texts[name].partition("{")[2]
-            found.append(body)
-            left += re.findall(r"\b(\w+)\(", body)
-    return "\n".join(found)
+            found.append(functions[name].parts[1])
+            left += found[-1].calls()
+    return found
 
 
-def _written(member: str, body: str) -> bool:
-    """Whether a text may write a member: it assigns to it, or passes the array."""
-    m = re.escape(member)
-    element = r"(?:\[[^\]]*\])?"
-    return re.search(rf"{m}{element} = |[(&,] ?{m}(?=[,)])|&{m}", body) is not None
+def _members(nodes: Sequence[Node]) -> list[Node]:
+    """Members of ``now`` and ``next``."""
+    return [n for x in nodes for n in x.walk() if _is_member(n)]
+
+
+def _is_member(n: Node) -> bool:
+    return n.kind == "member" and n.parts[0] in (c.name("now"), c.name("next"))
+
+
+def _written(nodes: Sequence[Node]) -> set[str]:
+    """Members that may be written: they are assigned to, or passed on."""
+    found: set[str] = set()
+    for n in (n for x in nodes for n in x.walk()):
+        given = n.parts if n.kind == "call" else n.parts[:1] if n.head in ("=", "&") else ()
+        found |= {p.base.text for p in given if p.kind != "index" or n.kind != "call"}
+    return found
 
 
 def _order(rates: Sequence[int], waits: Sequence[set[int]], first: int) -> list[int]:
@@ -150,8 +162,8 @@ def prototypes(plan: Plan) -> dict[str, str]:
     """Declarations of the steps of the groups, by their short names."""
     n = plan.name
     return {
-        g.name: declaration_lines("int", f"{n}_{g.name}", f"const {n}_in *in",
-                                  f"const {n}_param *param", f"{n}_state *state", f"{n}_out *out")
+        g.name: signature("int", f"{n}_{g.name}", [
+            f"const {n}_in *in", f"const {n}_param *param", f"{n}_state *state", f"{n}_out *out"])
         for g in groups(plan)
     }  # fmt: skip
 
@@ -163,7 +175,9 @@ def rate_docs(plan: Plan) -> dict[str, str]:
     found = {}
     for k, g in enumerate(row):
         when = "every tick" if g.ticks == 1 else f"every {g.ticks}th tick"
-        parts = ", ".join(re.findall(r"^(\w+)\(", "\n".join(g.calls), re.M)) or "no part"
+        parts = (
+            ", ".join(x.parts[0].head for x in g.calls if x.parts[0].kind == "call") or "no part"
+        )
         found[g.name] = (
             f"A piece of the tick: {parts}; for {when}. Together, in the order {listed}, they do"
             f" what {plan.name}_step does, to the bit. What is left out the next of them does."
@@ -177,17 +191,19 @@ def rate_docs(plan: Plan) -> dict[str, str]:
 
 def tick_struct(plan: Plan) -> list[str]:
     """Members of the state for a tick in hand."""
-    n = plan.name
+    n, real = plan.name, plan.real
     return [
         f"    struct {n}_tick {{",
         f"        {n}_out now; /* outputs so far */",
-        "        double done; /* groups of parts that are done, 0 where no tick is in hand */",
-        "        double status; /* what the inputs gave */",
+        f"        {real} done; /* groups of parts that are done, 0 where no tick is in hand */",
+        f"        {real} status; /* what the inputs gave */",
         "    } tick; /* a tick in hand, between the steps of its rates */",
     ]
 
 
-def functions(plan: Plan, looked: Sequence[str], rest: Sequence[str], hold: Sequence[str]) -> str:
+def functions(
+    plan: Plan, looked: Sequence[str], rest: Sequence[str | Node], hold: Sequence[str]
+) -> list[Node]:
     """Functions of the groups, and the step, which is the last of them at the begin of a tick.
 
     Args:
@@ -205,19 +221,19 @@ def functions(plan: Plan, looked: Sequence[str], rest: Sequence[str], hold: Sequ
                 f"return (int)go_on(in, state, {number(float(k))});"]  # fmt: skip
         made.append(define(texts[g.name], body))
     nothing = "start_outputs(out);" if plan.layout.outputs else "out->unused = 0.0;"
-    end = [
+    end: list[str | Node] = [
         "(void)param; /* those in force are used */",
         f"const {n}_param *const used = &state->in_force;",
         f"{n}_out now;",
         f"unsigned int status = go_on(in, state, {number(float(len(row)))});",
-        if_([f"(status & (unsigned int){big}_NO_INIT) != 0U"], nothing, "return (int)status;"),
+        if_(f"(status & (unsigned int){big}_NO_INIT) != 0U", nothing, "return (int)status;"),
         "state->tick.done = 0.0;",
-        if_([f"(status & (unsigned int){big}_REFUSED) != 0U"], *hold, "return (int)status;"),
+        if_(f"(status & (unsigned int){big}_REFUSED) != 0U", *hold, "return (int)status;"),
         "now = state->tick.now;",
         *rest,
     ]
     made.append(define(texts[row[-1].name], end))
-    return "\n\n".join([*_groups(plan, row), *made])
+    return [*_groups(plan, row), *made]
 
 
 def step(plan: Plan) -> list[str]:
@@ -230,11 +246,11 @@ def step(plan: Plan) -> list[str]:
 
 def _used(g: Group) -> list[str]:
     """Structs that the parts of a group take."""
-    text = " ".join(g.calls)
-    return [p for p in POINTERS if re.search(rf"(?<!->)\b{p}\b", text)]
+    words = c.words(g.calls)
+    return [p for p in POINTERS if p in words]
 
 
-def _groups(plan: Plan, row: Sequence[Group]) -> list[str]:
+def _groups(plan: Plan, row: Sequence[Group]) -> list[Node]:
     """A static function for each group that has parts."""
     found = []
     for g in row:
@@ -242,25 +258,24 @@ def _groups(plan: Plan, row: Sequence[Group]) -> list[str]:
             what = comment("Parts that run " + (
                 "in every tick." if g.ticks == 1 else f"every {g.ticks}th tick."))  # fmt: skip
             given = [plan.types[p] for p in _used(g)]
-            signature = declaration_lines("static void", f"parts_of_{g.name}", *given)
-            body = "\n".join(f"    {call}" for call in g.calls)
-            found.append(f"{what}\n{signature}\n{{\n{body}\n}}")
+            head = signature("static void", f"parts_of_{g.name}", given)
+            found.append(define(head, g.calls, what))
     return found
 
 
-def _go_on(plan: Plan, row: Sequence[Group], looked: Sequence[str]) -> str:
+def _go_on(plan: Plan, row: Sequence[Group], looked: Sequence[str]) -> Node:
     n, big = plan.name, plan.layout.big
     place = {"in": "seen" if plan.layout.inputs else "in", "param": "used",
              "derived": "&state->derived", "state": "&state->kept", "next": "&state->next",
              "now": "&state->tick.now", "work": "&state->work"}  # fmt: skip
-    calls = []
+    calls = list[Node]()
     for k, g in enumerate(row):
         if g.calls:
             call = f"parts_of_{g.name}({', '.join(place[p] for p in _used(g))});"
-            conditions = [f"state->tick.done < {number(k + 1.0)}"]
+            condition = f"state->tick.done < {number(k + 1.0)}"
             if k:
-                conditions = [f"({conditions[0]}) && (groups > {number(float(k))})"]
-            calls.append(if_(conditions, call))
+                condition = f"({condition}) && (groups > {number(float(k))})"
+            calls.append(if_(condition, call))
     used = {p for g in row for p in _used(g)}
     struct = {
         "in": [f"const {n}_in *const seen = &state->guard.last;"] * bool(plan.layout.inputs),
@@ -268,15 +283,15 @@ def _go_on(plan: Plan, row: Sequence[Group], looked: Sequence[str]) -> str:
     }
     begin = [*looked, "state->tick.status = (double)status;", "state->tick.done = 0.0;",
              "state->next = state->kept;"]  # fmt: skip
-    lines = [
+    lines: list[str | Node] = [
         *(line for p, declared in struct.items() if p in used for line in declared),
         *["(void)in;"] * (not plan.layout.inputs and "in" not in used),
         "unsigned int status;",
-        if_([f"!(state->guard.mark == {number(guard.MARK)})"],
+        if_(f"!(state->guard.mark == {number(guard.MARK)})",
             f"return (unsigned int){big}_NO_INIT | (unsigned int){big}_REFUSED;"),
-        if_(["!((state->tick.done >= 1.0) && (state->tick.done < groups))"], *begin),
+        if_("!((state->tick.done >= 1.0) && (state->tick.done < groups))", *begin),
         "status = (unsigned int)(int)state->tick.status;",
-        if_([f"(status & (unsigned int){big}_REFUSED) == 0U"], *calls),
+        if_(f"(status & (unsigned int){big}_REFUSED) == 0U", *calls),
         "state->tick.done = groups;",
         "return status;",
     ]  # fmt: skip
@@ -284,6 +299,5 @@ def _go_on(plan: Plan, row: Sequence[Group], looked: Sequence[str]) -> str:
         "Go on with the tick in hand until so many groups of parts are done. Begin one if there"
         " is none or it has come as far already. Gives what is known of its status."
     )
-    signature = declaration_lines("static unsigned int", "go_on", f"const {n}_in *in",
-                                  f"{n}_state *state", "double groups")  # fmt: skip
-    return f"{what}\n" + define(signature, lines)
+    given = [f"const {n}_in *in", f"{n}_state *state", "double groups"]
+    return define(signature("static unsigned int", "go_on", given), lines, what)

@@ -2,97 +2,92 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Iterable
+from functools import lru_cache
 
 from slipctl.ccode.module import guard
+from slipctl.ccode.tree import nodes as c
+from slipctl.ccode.tree.nodes import Node
+from slipctl.ccode.tree.parser import code
 
-_LOOP = "    for (int k = 0; k < n; ++k) {\n        %s\n    }\n"
-_ACCEPT = guard.text(
-    guard.accept(),
-    ["value", "*last", "*age", "lo", "hi", "change", "noise", "stale", "MEMORY_", "DBL_MAX"],
-    ["*last", "*age"],
-)
-_LATER = guard.text(guard.counter_after(), ["tick", "missed", "ticks"], [])
+_EACH = "for (int k = 0; k < n; ++k)"
 _SMALL = {
-    "later": (
-        "double later(double tick, double missed, double ticks)",
-        "".join(f"    {line}\n" for line in _LATER) + "    return counted;\n",
-    ),
-    "accept_all": (
-        "unsigned int accept_all(const double *value, int n, double lo, double hi, double change,\n"
-        "                               double noise, double stale, double *last, double *age)",
-        "    unsigned int told = 0U;\n"
-        + _LOOP % "told |= accept(value[k], lo, hi, change, noise, stale, &last[k], &age[k]);"
-        + "    return told;\n",
-    ),
-    "accept": (
-        "unsigned int accept(double value, double lo, double hi, double change, double noise,\n"
-        "                           double stale, double *last, double *age)",
-        "".join(f"    {line}\n" for line in _ACCEPT) + "    return (unsigned int)(int)bits;\n",
-    ),
-    "hand_over_all": (
-        "unsigned int hand_over_all(const double *value, int n, double *last)",
-        "    unsigned int told = 0U;\n"
-        + _LOOP % "told |= hand_over(value[k], &last[k]);"
-        + "    return told;\n",
-    ),
-    "hand_over": (
-        "unsigned int hand_over(double value, double *last)",
-        "    *last = value;\n"
-        f"    return within(value, -DBL_MAX, DBL_MAX) ? 0U : {guard.BAD_INPUT}U;\n",
-    ),
-    "all_can_follow": (
-        "bool all_can_follow(const double *x, int n, const double *last, double change)",
-        _LOOP % "if (!can_follow(x[k], last[k], change)) {\n            return false;\n        }"
-        + "    return true;\n",
-    ),
-    "can_follow": (
-        "bool can_follow(double x, double last, double change)",
-        "    return fabs(x - last) <= change;\n",
-    ),
-    "zero_of": (
-        "double zero_of(const double *x, int n)",
-        "    double zero = 0.0;\n" + _LOOP % "zero *= x[k];" + "    return zero;\n",
-    ),
-    "rising": (
-        "bool rising(const double *x, int n)",
-        _LOOP.replace("k = 0", "k = 1")
-        % "if (!(x[k] > x[k - 1])) {\n            return false;\n        }"
-        + "    return true;\n",
-    ),
-    "all_within": (
-        "bool all_within(const double *x, int n, double lo, double hi)",
-        _LOOP % "if (!within(x[k], lo, hi)) {\n            return false;\n        }"
-        + "    return true;\n",
-    ),
-    "within": (
-        "bool within(double x, double lo, double hi)",
-        "    return (x >= lo) && (x <= hi);\n",
-    ),
-    "limit_all": (
-        "unsigned int limit_all(double *x, int n, double lo, double hi)",
-        "    unsigned int limited = 0U;\n"
-        + _LOOP % "limited |= limit(&x[k], lo, hi);"
-        + "    return limited;\n",
-    ),
-    "limit": (
-        "unsigned int limit(double *x, double lo, double hi)",
-        "    if ((*x >= lo) && (*x <= hi)) {\n        return 0U;\n    }\n"
-        "    *x = (*x > hi) ? hi : lo; /* NaN: lo */\n"
-        f"    return {guard.LIMITED}U;\n",
-    ),
-    "fill": ("void fill(double *x, int n, double value)", _LOOP % "x[k] = value;"),
-    "copy": ("void copy(double *to, const double *from, int n)", _LOOP % "to[k] = from[k];"),
+    "later": "double later(double tick, double missed, double ticks) { return counted; }",
+    "accept_all": f"""unsigned int accept_all(const double *value, int n, double lo, double hi,
+        double change, double noise, double stale, double *last, double *age) {{
+        unsigned int told = 0U;
+        {_EACH} {{ told |= accept(value[k], lo, hi, change, noise, stale, &last[k], &age[k]); }}
+        return told; }}""",
+    "accept": """unsigned int accept(double value, double lo, double hi, double change,
+        double noise, double stale, double *last, double *age) {
+        return (unsigned int)(int)bits; }""",
+    "hand_over_all": f"""unsigned int hand_over_all(const double *value, int n, double *last) {{
+        unsigned int told = 0U;
+        {_EACH} {{ told |= hand_over(value[k], &last[k]); }}
+        return told; }}""",
+    "hand_over": f"""unsigned int hand_over(double value, double *last) {{
+        *last = value;
+        return within(value, -DBL_MAX, DBL_MAX) ? 0U : {guard.BAD_INPUT}U; }}""",
+    "all_can_follow": f"""bool all_can_follow(const double *x, int n, const double *last,
+        double change) {{
+        {_EACH} {{ if (!can_follow(x[k], last[k], change)) {{ return false; }} }}
+        return true; }}""",
+    "can_follow": """bool can_follow(double x, double last, double change) {
+        return fabs(x - last) <= change; }""",
+    "zero_of": f"""double zero_of(const double *x, int n) {{
+        double zero = 0.0;
+        {_EACH} {{ zero *= x[k]; }}
+        return zero; }}""",
+    "rising": """bool rising(const double *x, int n) {
+        for (int k = 1; k < n; ++k) { if (!(x[k] > x[k - 1])) { return false; } }
+        return true; }""",
+    "all_within": f"""bool all_within(const double *x, int n, double lo, double hi) {{
+        {_EACH} {{ if (!within(x[k], lo, hi)) {{ return false; }} }}
+        return true; }}""",
+    "within": "bool within(double x, double lo, double hi) { return (x >= lo) && (x <= hi); }",
+    "limit_all": f"""unsigned int limit_all(double *x, int n, double lo, double hi) {{
+        unsigned int limited = 0U;
+        {_EACH} {{ limited |= limit(&x[k], lo, hi); }}
+        return limited; }}""",
+    "limit": f"""unsigned int limit(double *x, double lo, double hi) {{
+        if ((*x >= lo) && (*x <= hi)) {{ return 0U; }}
+        *x = (*x > hi) ? hi : lo; /* NaN: lo */
+        return {guard.LIMITED}U; }}""",
+    "fill": f"void fill(double *x, int n, double value) {{ {_EACH} {{ x[k] = value; }} }}",
+    "copy": f"""void copy(double *to, const double *from, int n) {{
+        {_EACH} {{ to[k] = from[k]; }} }}""",
 }
-"""Small functions: signature and body; one that calls another stands before it."""
+"""Small functions; one that calls another stands before it."""
+
+_RULES = {
+    "later": (guard.counter_after, ["tick", "missed", "ticks"], []),
+    "accept": (
+        guard.accept,
+        ["value", "*last", "*age", "lo", "hi", "change", "noise", "stale", "MEMORY_", "DBL_MAX"],
+        ["*last", "*age"],
+    ),
+}
+"""Rules that come before what a function says: what they read and write."""
 
 
-def checks(text: str, there: str = "") -> str:
-    """Definitions of the small functions that ``text`` calls, without those that are there."""
-    chosen: list[str] = []
-    for name, (signature, body) in _SMALL.items():
-        if re.search(rf"\b{name}\(", text) and not re.search(rf" {name}\(", there):
-            definition = f"static {signature}\n{{\n{body}}}"
-            chosen.insert(0, definition)
-            text += definition
-    return "\n\n".join(chosen)
+@lru_cache(maxsize=64)
+def _defined(name: str) -> Node:
+    (made,) = code(f"static {_SMALL[name]}")
+    if name not in _RULES:
+        return made
+    rule, names, results = _RULES[name]
+    head, body = made.parts
+    return c.function(made.head, name, head.parts,
+                      [*guard.statements(rule(), names, results), *body.parts])  # fmt: skip
+
+
+def small_functions(nodes: Iterable[Node], there: Iterable[Node] = ()) -> list[Node]:
+    """Definitions of the small functions that some C calls, without those that are there."""
+    called = set[str]().union(*(n.calls() for n in nodes))
+    known = {n.parts[0].head for n in there if n.kind == "function"}
+    chosen: list[Node] = []
+    for name in _SMALL:
+        if name in called and name not in known:
+            chosen.insert(0, _defined(name))
+            called |= chosen[0].calls()
+    return chosen

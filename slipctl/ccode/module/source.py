@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -23,179 +22,170 @@ from slipctl.ccode.module.guard_functions import (
     recover,
     with_results,
 )
-from slipctl.ccode.module.header import head, identifier_free, prototype, prototypes
+from slipctl.ccode.module.header import head, prototype, prototypes
 from slipctl.ccode.module.kernel import Kernel, definitions
 from slipctl.ccode.module.layout import Member, own_name
 from slipctl.ccode.module.plan import Plan, first_sentence
-from slipctl.ccode.module.small import checks
-from slipctl.ccode.passes.part_structs import nest_states
+from slipctl.ccode.module.shapes import c_elements
+from slipctl.ccode.module.small import small_functions
+from slipctl.ccode.passes.part_structs import nest_parts
 from slipctl.ccode.passes.precision import in_precision
+from slipctl.ccode.passes.sections import in_section
 from slipctl.ccode.passes.split_step import equations_call, in_place, prepare, take_state
-from slipctl.ccode.tree.expressions import number
-from slipctl.ccode.tree.shapes import constant
-from slipctl.ccode.tree.statements import break_lines, conjunction, define, if_, short
+from slipctl.ccode.tree import nodes as c
+from slipctl.ccode.tree.expressions import constant, number
+from slipctl.ccode.tree.nodes import Node
+from slipctl.ccode.tree.parser import code, define, expression, if_, statements
+from slipctl.ccode.tree.printer import file_text
 from slipctl.ccode.tree.structure import assign
-from slipctl.ccode.tree.vectors import initialiser_lines
 
 
-def sources(plan: Plan) -> dict[str, str]:
-    """Text of the source by file: its parts, if it has such, and the module around them."""
+def sources(plan: Plan, section: str | None = None) -> dict[str, str]:
+    """Text of the source by file: its parts, if it has such, and the module around them.
+
+    Args:
+        plan: the module.
+        section: for the linker, that the tables of the module lie in.
+    """
     *headers, file = plan.files
-    n, parts = plan.name, "\n\n".join(plan.equations.functions.values())
+    n = plan.name
     made = (
         _equations, _default, _param_ok, _tune, _start, limit_outputs, _start_outputs, _init,
         check_inputs, finite, part_off, recover, catch_up, _hold, prepare, _step,
     )  # fmt: skip
-    texts_of = [make(plan) for make in made]
-    texts_of += [tick_counter.functions(plan, _hold_call(plan))] * plan.counter
-    functions = "\n\n".join(text for text in texts_of if text)
-    small = checks(parts)
-    included = "".join(f'#include "{h}"\n' for h in headers)
-    before = [
-        head(plan, file),
-        f"{included}\n#include <float.h>\n#include <math.h>\n#include <stdbool.h>",
-        "#if defined(__FAST_MATH__) \\\n"
-        "    || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))\n"
-        "#error compile without -ffast-math and -ffinite-math-only: NaN must be seen\n#endif",
-    ]
-    if plan.equations.copied:
-        before.append(
-            comment(
-                "Functions casadi_... are copied from the templates of CasADi"
-                f" {ca.CasadiMeta.version()} (MIT-0, see LICENSE)."
-            )
-        )
+    around = [f for make in made for f in make(plan)]
+    around += tick_counter.functions(plan, _hold_call(plan)) if plan.counter else []
+    parts, around = nest_parts(plan.layout, plan.equations.functions, around)
+    small = small_functions(parts.values())
+    remembered = {"MEMORY_": constant(guard.memory(plan.period, plan.stale))}
+    tests = c.swap_all(small_functions(around, small), remembered)
     of_ranges = {*plan.start.helpers, *plan.bound_helpers}
+    before = [c.raw(_NAN_IS_SEEN)]
+    if plan.equations.copied:
+        before.append(c.remark(
+            "Functions casadi_... are copied from the templates of CasADi"
+            f" {ca.CasadiMeta.version()} (MIT-0, see LICENSE)."
+        ))  # fmt: skip
     if parts:
         of_ranges -= plan.equations.helpers
         shared = definitions([plan.equations], plan.real)
-        before.append(definitions([Kernel(helpers=frozenset(of_ranges))]))
+        own = definitions([Kernel(helpers=frozenset(of_ranges))])
     else:
-        before.append(
-            definitions([plan.equations, Kernel(helpers=frozenset(of_ranges))], plan.real)
-        )
-    before.append(
-        checks(functions, small).replace("MEMORY_", number(guard.memory(plan.period, plan.stale)))
-    )
-    texts = {file: [*before, functions]}
+        own = definitions([plan.equations, Kernel(helpers=frozenset(of_ranges))], plan.real)
+
+    def finished(
+        name: str, opening: Sequence[Node], libraries: Sequence[str], nodes: Iterable[Node]
+    ) -> str:
+        made = [in_precision(x, plan.real, plan.block.name) for x in nodes]
+        made = made if section is None else [in_section(x, section) for x in made]
+        more = ["stddef"] * any("NULL" in x.words for x in made)
+        included = "\n".join(f"#include <{x}.h>" for x in (*libraries, *more))
+        return file_text([c.raw(head(plan, name)), *opening, c.raw(included), *made])
+
+    openings = "\n".join(f'#include "{h}"' for h in headers)
+    found = {}
     if parts:
         mark = f"{plan.layout.big}_PARTS_H"
         told = f"The parts of {n}, in the order of the wires; {file} alone includes this file."
-        texts = {
-            headers[-1]: [
-                head(plan, headers[-1]), comment(told),
-                f'#ifndef {mark}\n#define {mark}\n\n#include "{n}.h"\n\n#include <math.h>\n'
-                "#include <stdbool.h>",
-                shared, small, parts, f"#endif /* {mark} */",
-            ]
-        } | texts  # fmt: skip
-    whole = _BETWEEN.join(_file(rows) for rows in texts.values())
-    whole = in_precision(whole, plan.real, plan.block.name)
-    whole = break_lines(short(nest_states(plan.layout, whole, plan.equations.functions)))
-    return dict(zip(texts, whole.split(_BETWEEN), strict=True))
+        opening = [c.remark(told), c.raw(f"#ifndef {mark}\n#define {mark}"),
+                   c.raw(f'#include "{n}.h"')]  # fmt: skip
+        whole = [*shared, *small, *parts.values(), c.raw(f"#endif /* {mark} */")]
+        found[headers[-1]] = finished(headers[-1], opening, ["math", "stdbool"], whole)
+    libraries = ["float", "math", "stdbool"]
+    whole = [*before, *own, *tests, *around]
+    return found | {file: finished(file, [c.raw(openings)], libraries, whole)}
 
 
-_BETWEEN = "/* ---- the next file ---- */\n"
-
-
-def _file(pieces: Iterable[str]) -> str:
-    """Text of a file of these pieces, with the header that defines NULL if it needs it."""
-    text = "\n\n".join(p.strip("\n") for p in pieces if p.strip()) + "\n"
-    if not re.search(r"\bNULL\b", text):
-        return text
-    return text.replace("#include <stdbool.h>\n", "#include <stdbool.h>\n#include <stddef.h>\n", 1)
+_NAN_IS_SEEN = """#if defined(__FAST_MATH__) \\
+    || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error compile without -ffast-math and -ffinite-math-only: NaN must be seen
+#endif"""
 
 
 # ---- equations ----------------------------------------------------------------------------------
 
 
-def _equations(plan: Plan) -> str:
+def _equations(plan: Plan) -> list[Node]:
     n, made = plan.name, plan.equations
-    lines = _call_lines(plan) if made.entry else _own_lines(plan)
-    text = "\n".join(lines)
+    lines = statements(_call_lines(plan)) if made.entry else _own_lines(plan)
+    used = c.words(lines)
     given = ["in", "param", *["derived"] * bool(plan.layout.derived)]
     given += [*["state", "next"] * bool(plan.layout.states), "now", *["work"] * plan.work_in_state]
-    voids = [f"    (void){a};" for a in given if identifier_free(text, a)]
-    arguments = [plan.types[a] for a in given]
+    voids = [c.mark_unused(a) for a in given if a not in used]
     result = "static int" if plan.can_fail else "static void"
-    signature = prototype(plan, result, "equations", *arguments)
+    signature = prototype(plan, result, "equations", *(plan.types[a] for a in given))
     told = "The parts, in the order of the wires" if made.functions else "Equations"
     what = comment(f"{told} of {plan.block.name}; {n}.h says where they come from.")
-    whole = "\n".join([what, signature, "{", *voids, *lines, "}"])
-    return "" if plan.rates else whole
+    return [] if plan.rates else [define(signature, [*voids, *lines], what)]
 
 
-def _own_lines(plan: Plan) -> list[str]:
+def _own_lines(plan: Plan) -> list[Node]:
     """Statements of the equations; a part's text stands before its first output."""
     made = plan.equations
-    places, lines = _memory(plan) if made.calls else ({}, [])
-    lines += ["    int failed = 0;"] * made.calls
+    places, declared = _memory(plan) if made.calls else ({}, [])
+    lines = statements([*declared, *["int failed = 0;"] * made.calls])
     part_of = {m.c: m.name.rpartition(".")[0] for m in plan.layout.outputs if "." in m.name}
     docs = {path: first_sentence(leaf.doc) for path, leaf in plan.part_docs()}
-    for line in made.lines:
-        named = re.match(r"const \w+ (\w+) =", line)
-        part = part_of.get(named[1], "") if named else ""
+    for line in c.swap_all(made.lines, {k: expression(v) for k, v in places.items()}):
+        named = c.target(line) if line.kind == "declare" else None
+        part = part_of.get(named.text, "") if named is not None else ""
         if part in docs:
-            lines.append(comment(f"{part}: {docs.pop(part)}", "    "))
-        for placeholder, place in places.items():
-            line = line.replace(placeholder, place)
-        lines.append(f"    {line}")
+            lines.append(c.remark(f"{part}: {docs.pop(part)}"))
+        lines.append(line)
     if made.functions:
         return lines
-    lines += [""] * bool(lines)
+    lines += [Node("blank")] * bool(lines)
     for i, (m, pointer) in enumerate(plan.results):
-        texts = [made.results[i, k] for k in range(m.size)]
-        lines += [f"    {line}" for line in assign(f"{pointer}{m.c}", texts, not m.scalar)]
-    return in_place(plan, lines) + ["    return failed;"] * made.calls
+        values = [made.results[i, k] for k in range(m.size)]
+        lines += assign(expression(f"{pointer}{m.c}"), values, not m.scalar)
+    return in_place(plan, lines) + [c.give(c.name("failed"))] * made.calls
 
 
 def _memory(plan: Plan) -> tuple[dict[str, str], list[str]]:
-    """Where CasADi's functions work: text for each placeholder, and declarations."""
+    """Where CasADi's functions work: what stands for each placeholder, and declarations."""
     sz_arg, sz_res, sz_iw, sz_w = plan.equations.work
-    lines = [f"    const double *arg[{max(sz_arg, 1)}];", f"    double *res[{max(sz_res, 1)}];"]
+    lines = [f"const double *arg[{max(sz_arg, 1)}];", f"double *res[{max(sz_res, 1)}];"]
     places = {}
     for name, size, kind in (("iw", sz_iw, "int"), ("w", sz_w, "double")):
         place = "NULL" if not size else f"work->{name}" if plan.work_in_state else name
         places[f"WORK_{name.upper()}_"] = place
         if place == name:
-            lines.append(f"    {kind} {name}[{size}];")
+            lines.append(f"{kind} {name}[{size}];")
     return places, lines
 
 
 def _call_lines(plan: Plan) -> list[str]:
     """Leave it all to CasADi's function: pass it the struct members."""
     places, lines = _memory(plan)
-    lines += [f"    arg[{i}] = {m.address(p)};" for i, (m, p) in enumerate(plan.arguments)]
-    lines += [f"    res[{i}] = {m.address(p)};" for i, (m, p) in enumerate(plan.results)]
+    lines += [f"arg[{i}] = {m.address(p)};" for i, (m, p) in enumerate(plan.arguments)]
+    lines += [f"res[{i}] = {m.address(p)};" for i, (m, p) in enumerate(plan.results)]
     call = f"{plan.equations.entry}(arg, res, {places['WORK_IW_']}, {places['WORK_W_']}, 0)"
-    return [*lines, f"    return {call};"]
+    return [*lines, f"return {call};"]
 
 
 # ---- parameters and start -----------------------------------------------------------------------
 
 
-def _default(plan: Plan) -> str:
+def _default(plan: Plan) -> list[Node]:
     if not plan.layout.params:
-        return define(prototypes(plan)["default"], ["param->unused = 0.0;"])
-    given = [(m, m.signal.value) for m in plan.layout.params]
-    declared = "\n".join(
-        initialiser_lines(f"static const {plan.name}_param defaults", _values(given))
-    )
-    return f"{declared}\n\n" + define(prototypes(plan)["default"], ["*param = defaults;"])
+        return [define(prototypes(plan)["default"], ["param->unused = 0.0;"])]
+    given = _values((m, m.signal.value) for m in plan.layout.params)
+    declared = code(f"static const {plan.name}_param defaults = {{{given}}};")
+    return [*declared, define(prototypes(plan)["default"], ["*param = defaults;"])]
 
 
-def _values(values: Iterable[tuple[Member, Any]]) -> list[str]:
+def _values(values: Iterable[tuple[Member, Any]]) -> str:
     """Members of a constant struct with their values; those that are left out are 0."""
-    texts = []
+    rows = []
     for m, value in values:
-        given = ", ".join(number(float(v)) for v in constant(m.signal, value).ravel(order="F"))
-        texts += f".{m.c} = {given if m.scalar else f'{{{given}}}'}".split(", ")
-    return texts
+        given = ", ".join(number(float(v)) for v in c_elements(m, value))
+        rows.append(f".{m.c} = {given if m.scalar else f'{{{given}}}'}")
+    return ", ".join(rows)
 
 
 def _constant(m: Member, pointer: str, value: Any) -> list[str]:
     """Statements that give a member a constant value."""
-    flat = constant(m.signal, value).ravel(order="F")
+    flat = c_elements(m, value)
     if m.scalar:
         return [f"{pointer}{m.c} = {number(float(flat[0]))};"]
     if m.size > 2 and (flat == flat[0]).all():
@@ -203,62 +193,59 @@ def _constant(m: Member, pointer: str, value: Any) -> list[str]:
     return [f"{pointer}{m.c}[{k}] = {number(float(v))};" for k, v in enumerate(flat)]
 
 
-def _param_ok(plan: Plan) -> str:
+def _param_ok(plan: Plan) -> list[Node]:
     checks = [range_condition(plan, m, "p->") for m in plan.layout.params]
     checks += [f"rising(p->{m.c}, {m.size})" for m in plan.layout.params if m.signal.rising]
     void = [] if checks else ["(void)p;"]
-    return define(
-        f"static bool param_ok(const {plan.name}_param *p)",
-        [*void, f"return {conjunction(checks, 'return ') or 'true'};"],
-    )
+    signature = f"static bool param_ok(const {plan.name}_param *p)"
+    return [define(signature, [*void, f"return {' && '.join(checks) or 'true'};"])]
 
 
-def _tune(plan: Plan) -> str:
+def _tune(plan: Plan) -> list[Node]:
     n, big, derived = plan.name, plan.layout.big, plan.layout.derived
-    lines = [f"struct {n}_derived now;"] * bool(derived)
-    lines.append(if_(["!param_ok(param)"], f"return {big}_BAD_PARAM;"))
+    lines: list[str | Node] = [f"struct {n}_derived now;"] * bool(derived)
+    lines.append(if_("!param_ok(param)", f"return {big}_BAD_PARAM;"))
     if derived:
         lines += plan.start_lines(derived, 0, "now.")
-        good = conjunction([range_condition(plan, m, "now.") for m in derived])
-        lines += [if_([f"!({good})"], f"return {big}_BAD_PARAM;"), "state->derived = now;"]
+        good = " && ".join(range_condition(plan, m, "now.") for m in derived)
+        lines += [if_(f"!({good})", f"return {big}_BAD_PARAM;"), "state->derived = now;"]
     lines += ["state->in_force = *param;", f"return {big}_OK;"]
-    return define(prototypes(plan)["tune"], lines)
+    return [define(prototypes(plan)["tune"], lines)]
 
 
-def _start(plan: Plan) -> str:
+def _start(plan: Plan) -> list[Node]:
     """Function that puts a part of the state to its start, or all of it; whether that can be."""
     n = plan.name
     if not plan.layout.states:
-        return ""
-    lines: list[str] = []
+        return []
+    lines: list[Node] = []
     for k, (path, members) in enumerate(plan.parts.items(), start=1):
         body = _begun(plan, members)
         if len(plan.parts) == 1:  # whichever part is meant, it is this one
             lines += body
             break
-        made = if_([f"all || (part == {k})"], *body)
-        lines.append(made.replace("{\n", f"{{ {comment(path)}\n", 1) if path else made)
+        told = f" {comment(path)}" if path else ""
+        lines.append(c.branch(expression(f"all || (part == {k})"), body, told=told))
     if len(plan.parts) > 1:
-        lines.insert(0, "const bool all = part == 0;")
-    text = "\n".join(lines)
-    void = ["(void)param;"] * identifier_free(text, "param")
-    void += ["(void)part;"] * identifier_free(text, "part")
+        lines = [*code("const bool all = part == 0;"), *lines]
+    used = c.words(lines)
+    void = [c.mark_unused(a) for a in ("param", "part") if a not in used]
     told = "Put a part of the state to its start, by the order of the parts; 0 is all."
     computed = [range_condition(plan, m, "state->") for m in plan.layout.states if m.signal.derived]
     if computed:
         told += " Whether what is computed of it is in its range."
-        lines.append(f"return {conjunction(computed, 'return ')};")
+        lines += code(f"return {' && '.join(computed)};")
     signature = prototype(plan, f"static {'bool' if computed else 'void'}", "start",
                           plan.types["param"], f"struct {n}_kept *state", "int part")  # fmt: skip
-    return f"{comment(told)}\n" + define(signature, [*void, *lines])
+    return [define(signature, [*void, *lines], comment(told))]
 
 
-def _begun(plan: Plan, members: Sequence[Member]) -> list[str]:
+def _begun(plan: Plan, members: Sequence[Member]) -> list[Node]:
     """Statements that put the states of a part to their start: its struct, then its arrays."""
     firsts = {m.c: i for i, m in enumerate(plan.layout.states, start=len(plan.layout.derived))}
     made = [
         (m, plan.start_lines((m,), firsts[m.c], "state->") if m.signal.derived
-         else _constant(m, "state->", m.signal.value))
+         else statements(_constant(m, "state->", m.signal.value)))
         for m in members
     ]  # fmt: skip
     struct = plan.layout.places[members[0].c].rpartition(".")[0]
@@ -266,36 +253,39 @@ def _begun(plan: Plan, members: Sequence[Member]) -> list[str]:
     if not struct or zero is None or len(members) == 1:
         made.sort(key=lambda row: row[0].signal.derived)
         return _distinct([line for _, lines in made for line in lines])
-    before, given, behind = list[str](), list[str](), list[str]()
+    before, given, behind = list[Node](), list[str](), list[Node]()
     for m, lines in made:
-        values = [v for line in lines if (v := line.partition(f"state->{m.c}")[2])]
-        before += [line for line in lines if line.startswith("const ")]
-        if lines[-1].startswith("fill("):
-            behind += [lines[-1]] * (not lines[-1].endswith(" 0.0);"))
-        elif any(not v.endswith(" = 0.0;") for v in values):
-            text = ", ".join(v.partition(" = ")[2].removesuffix(";") for v in values)
+        before += [line for line in lines if line.kind == "declare"]
+        values = [c.value(line) for line in lines if line.kind == "do" and c.target(line)]
+        if not values:  # filled
+            behind += [x for x in lines if x.kind == "do" and x.parts[0].parts[-1] != _ZERO]
+        elif any(v != _ZERO for v in values):
+            text = ", ".join(v.text for v in values)
             given.append(f".{own_name(m)} = {text if m.scalar else f'{{{text}}}'}")
     given = given or [f".{own_name(zero)} = 0.0"]  # what is left out is 0; C wants one
-    whole = initialiser_lines(f"state->{struct} = (struct {plan.name}_kept_{struct})", given, "")
+    whole = code(f"state->{struct} = (struct {plan.name}_kept_{struct}){{{', '.join(given)}}};")
     return [*_distinct(before), *whole, *behind]
 
 
-def _distinct(lines: list[str]) -> list[str]:
-    """Lines without those that are there already."""
-    return list(dict.fromkeys(lines))
+_ZERO = constant(0.0)
 
 
-def _init(plan: Plan) -> str:
+def _distinct(lines: list[Node]) -> list[Node]:
+    """Statements without those that are there already."""
+    return [line for k, line in enumerate(lines) if line not in lines[:k]]
+
+
+def _init(plan: Plan) -> list[Node]:
     n, big, lay = plan.name, plan.layout.big, plan.layout
     computed = any(m.signal.derived for m in lay.states)
     ages = f".age = {{{', '.join(['-1.0'] * plan.n_in)}}}"
     untouched = [*[ages] * bool(plan.n_in), f".mark = {number(guard.MARK)}"]
-    lines = [f"int status = {n}_tune(param, state);"]
+    lines: list[str | Node] = [f"int status = {n}_tune(param, state);"]
     start = "start(&state->in_force, &state->kept, 0)"
     if lay.params or computed:  # without any, none is refused
         good = f"status == {big}_OK"
         if computed:
-            lines += [f"bool good = ({good});", if_(["good"], f"good = {start};")]
+            lines += [f"bool good = ({good});", if_("good", f"good = {start};")]
         elif lay.states:
             lines.append(f"{start};")
         defaults = [f"(void){n}_tune(&defaults, state);"]
@@ -306,15 +296,13 @@ def _init(plan: Plan) -> str:
                 f"(void){n}_tune(&safe, state);",
             ]
         lines.append(if_(
-            ["!good" if computed else good.replace("==", "!=")], *defaults,
+            "!good" if computed else good.replace("==", "!="), *defaults,
             *[f"{'(void)' * computed}{start};"] * bool(lay.states),
             *[f"status = {big}_BAD_PARAM;"] * computed,
         ))  # fmt: skip
     elif lay.states:
         lines.append(f"{start};")
-    lines += initialiser_lines(
-        f"state->guard = (struct {n}_guard)", ", ".join(untouched).split(", "), ""
-    )
+    lines.append(f"state->guard = (struct {n}_guard){{{', '.join(untouched)}}};")
     lines += ["state->tick.done = 0.0;"] * plan.rates
     lines += ["state->counter.begun = 0U;", "state->counter.last = 0U;"] * plan.counter
     if lay.outputs:
@@ -322,30 +310,28 @@ def _init(plan: Plan) -> str:
     if plan.follows(lay.outputs):
         lines.append(f"(void){limit_outputs_call(plan, '&state->held')};")
     lines.append("return status;")
-    return define(prototypes(plan)["init"], lines)
+    return [define(prototypes(plan)["init"], lines)]
 
 
-def _start_outputs(plan: Plan) -> str:
+def _start_outputs(plan: Plan) -> list[Node]:
     """Function that gives the outputs before the first good step."""
     if not plan.layout.outputs:
-        return ""
-    flat = {m.c: constant(m.signal, plan.before(m)).ravel(order="F") for m in plan.layout.outputs}
-    others = [m for m in plan.layout.outputs if flat[m.c].any()]
-    first = plan.layout.outputs[0]
-    given = [(m, plan.before(m)) for m in others or [first]]
-    lines = initialiser_lines(f"*out = ({plan.name}_out)", _values(given), "")
+        return []
+    others = [m for m in plan.layout.outputs if c_elements(m, plan.before(m)).any()]
+    given = _values((m, plan.before(m)) for m in others or plan.layout.outputs[:1])
     what = comment("Outputs before the first good step: safe, or in their ranges and next to 0.")
-    return f"{what}\n" + define(f"static void start_outputs({plan.name}_out *out)", lines)
+    signature = f"static void start_outputs({plan.name}_out *out)"
+    return [define(signature, [f"*out = ({plan.name}_out){{{given}}};"], what)]
 
 
 # ---- step ---------------------------------------------------------------------------------------
 
 
-def _hold(plan: Plan) -> str:
+def _hold(plan: Plan) -> list[Node]:
     """Function that gives the outputs of a step that is refused, where some have a safe value."""
     n, safe = plan.name, plan.safe
     if not _has_hold(plan):
-        return ""
+        return []
     lines = ["*out = state->held;"]
     for m in plan.layout.outputs:
         if m.c in safe:
@@ -355,7 +341,7 @@ def _hold(plan: Plan) -> str:
     what = comment(
         "Outputs of a step that is refused: the safe value, or that of the last good step."
     )
-    return f"{what}\n" + define(f"static void hold(const {n}_state *state, {n}_out *out)", lines)
+    return [define(f"static void hold(const {n}_state *state, {n}_out *out)", lines, what)]
 
 
 def _hold_call(plan: Plan) -> str:
@@ -368,7 +354,7 @@ def _has_hold(plan: Plan) -> bool:
     return bool(plan.safe) or plan.follows(plan.layout.outputs)
 
 
-def _step(plan: Plan) -> str:
+def _step(plan: Plan) -> list[Node]:
     n, big, lay = plan.name, plan.layout.big, plan.layout
     hold = [_hold_call(plan)]
     hold += ["state->guard.missed += 1.0;"] * bool(plan.counters)
@@ -376,19 +362,19 @@ def _step(plan: Plan) -> str:
     following = "state->next" if plan.next_in_state else "next"
     seen = "&state->guard.last" if lay.inputs else "in"
     first = check_inputs_call(plan, "used") if lay.inputs else "0U"
-    lines = ["(void)param; /* those in force are used */", f"{n}_out now;"]
+    lines: list[str | Node] = ["(void)param; /* those in force are used */", f"{n}_out now;"]
     lines.append(f"const {n}_param *const used = &state->in_force;")
     if has_next and not plan.next_in_state:
         lines.append(f"struct {n}_kept next;")
     nothing = ["start_outputs(out);"] if lay.outputs else ["out->unused = 0.0;"]
     lines.append(
-        if_([f"!(state->guard.mark == {number(guard.MARK)})"], *nothing,
+        if_(f"!(state->guard.mark == {number(guard.MARK)})", *nothing,
             f"return (int){big}_NO_INIT | (int){big}_REFUSED;")
     )  # fmt: skip
     lines.append(f"unsigned int status = {first};")
     if lay.inputs:
         lines.append(
-            if_([f"(status & (unsigned int){big}_REFUSED) != 0U"], *hold, "return (int)status;")
+            if_(f"(status & (unsigned int){big}_REFUSED) != 0U", *hold, "return (int)status;")
         )
     if plan.equations.ticks:  # what does not run in this tick keeps its state
         lines.append(f"{following} = state->kept;")
@@ -412,14 +398,14 @@ def _step(plan: Plan) -> str:
     if bad:
         again = [f"status |= recover(used, state, {'off' if ranged else '0'});"] * has_next
         why = f"status |= (unsigned int){big}_BAD_RESULT | (unsigned int){big}_REFUSED;"
-        lines.append(if_([" || ".join(bad)], why, *again, *hold, "return (int)status;"))
+        lines.append(if_(" || ".join(bad), why, *again, *hold, "return (int)status;"))
     if plan.ahead:
-        lines.append(if_(["whole"], *take_state(plan, plan.ahead)))
+        lines.append(if_("whole", *take_state(plan, plan.ahead)))
     rest = [m for m in lay.states if m not in plan.ahead]
     lines += [*take_state(plan, rest), "state->guard.refused = 0.0;"]
     if plan.counters:
         moved = "catch_up(&state->kept, state->guard.missed);"
-        lines.append(if_(["state->guard.missed > 0.0"], moved, "state->guard.missed = 0.0;"))
+        lines.append(if_("state->guard.missed > 0.0", moved, "state->guard.missed = 0.0;"))
     if any(plan.ranged(m) for m in lay.outputs):
         lines.append(f"status |= {limit_outputs_call(plan, '&now', 'used')};")
     lines += ["state->held = now;", "*out = now;", "return (int)status;"]
@@ -427,9 +413,9 @@ def _step(plan: Plan) -> str:
     if plan.rates:
         looked = [f"status = {first};".replace("used", "&state->in_force")]
         more = rates.functions(plan, looked, lines, hold)
-        return f"{more}\n\n{define(texts['step'], rates.step(plan))}"
+        return [*more, define(texts["step"], rates.step(plan))]
     lines = before_it + lines
     if not plan.block.composition.split:
-        return define(texts["step"], lines)
+        return [define(texts["step"], lines)]
     whole = define(texts["step"], [f"return {n}_feedback(in, param, state, out);"])
-    return f"{define(texts['feedback'], lines)}\n\n{whole}"
+    return [define(texts["feedback"], lines), whole]

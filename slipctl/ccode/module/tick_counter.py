@@ -6,15 +6,16 @@ from slipctl.ccode.module import guard
 from slipctl.ccode.module.comments import comment
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.tree.expressions import number
-from slipctl.ccode.tree.statements import declaration_lines, define, if_
+from slipctl.ccode.tree.nodes import Node
+from slipctl.ccode.tree.parser import define, if_
+from slipctl.ccode.tree.printer import signature
 
 
 def prototype(plan: Plan) -> str:
     """Declaration of the function."""
     n = plan.name
-    return declaration_lines("int", f"{n}_step_counted", f"const {n}_in *in",
-                             f"const {n}_param *param", f"{n}_state *state", f"{n}_out *out",
-                             "unsigned int tick")  # fmt: skip
+    given = f"const {n}_in *in", f"const {n}_param *param", f"{n}_state *state", f"{n}_out *out"
+    return signature("int", f"{n}_step_counted", [*given, "unsigned int tick"])
 
 
 def counter_doc(plan: Plan) -> str:
@@ -38,7 +39,7 @@ def members() -> list[str]:
     ]
 
 
-def functions(plan: Plan, hold: str) -> str:
+def functions(plan: Plan, hold: str) -> list[Node]:
     """Definitions.
 
     Args:
@@ -50,31 +51,29 @@ def functions(plan: Plan, hold: str) -> str:
     late = [f"status = (unsigned int){big}_TIMING;"]
     remembers = bool(plan.n_in) or bool(plan.counters)
     late += ["missed(&state->guard, (double)(since - 1U));"] * remembers
-    after = [
-        "const unsigned int since = tick - state->counter.last; /* wraps as the counter does */",
-        "if (since == 0U) {", f"    {hold}", f"    {refused}", "}",
-        "if (since != 1U) {", *(f"    {line}" for line in late), "}",
-    ]  # fmt: skip
     step = f"{n}_step(in, param, state, out)"
-    lines = [
+    lines: list[str | Node] = [
         "unsigned int status = 0U;",
-        if_([f"!(state->guard.mark == {number(guard.MARK)})"], f"return {step};"),
-        "if (state->counter.begun != 0U) {", *(f"    {line}" for line in after), "}",
+        if_(f"!(state->guard.mark == {number(guard.MARK)})", f"return {step};"),
+        if_(
+            "state->counter.begun != 0U",
+            "const unsigned int since = tick - state->counter.last;"
+            " /* wraps as the counter does */",
+            if_("since == 0U", hold, refused),
+            if_("since != 1U", *late),
+        ),
         "state->counter.last = tick;", "state->counter.begun = 1U;",
         f"return (int)(status | (unsigned int){step});",
     ]  # fmt: skip
     made = [define(prototype(plan), lines)]
     if remembers:
-        aged = if_(
-            ["guard->age[k] >= 0.0"], "guard->age[k] = floor(guard->age[k]) + ticks;"
-        ).replace("\n", "\n    ")
         older = [
-            f"for (int k = 0; k < {plan.n_in}; ++k) {{", f"    {aged}", "}", "guard->fresh = 0.0;",
-        ]  # fmt: skip
+            f"for (int k = 0; k < {plan.n_in}; ++k) {{ if (guard->age[k] >= 0.0) {{"
+            " guard->age[k] = floor(guard->age[k]) + ticks; } }",
+            "guard->fresh = 0.0;",
+        ]
         body = [*older * bool(plan.n_in), *["guard->missed += ticks;"] * bool(plan.counters)]
         what = comment("So many ticks went by without a call: inputs are that much older.")
-        signature = declaration_lines(
-            "static void", "missed", f"struct {n}_guard *guard", "double ticks"
-        )
-        made.insert(0, f"{what}\n" + define(signature, body))
-    return "\n\n".join(made)
+        head = signature("static void", "missed", [f"struct {n}_guard *guard", "double ticks"])
+        made.insert(0, define(head, body, what))
+    return made

@@ -1,29 +1,24 @@
 """Locals that no model names get one from what they are: ``a3 = exp(theta)`` is ``exp_theta``.
 
 Only one operation, or two, on what has a name itself; all else stays a letter with a number. Names
-are changed in the text of a C function when all its lines are there, so nothing else is different.
+are changed when all statements of a C function are there, so nothing else is different.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 import casadi as ca
 
 from slipctl.block.text.intermediates import as_it_is, named_inside
+from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.graph import free_name
+from slipctl.ccode.tree.nodes import Node
 
 LONGEST, WORDS = 28, 5
 """Characters and words of a name."""
 
-_SUM = re.compile(r"\s*double (?P<name>a\d+) = (?P<text>.*);")
-_ARRAY = re.compile(r"(?:\w+->)?([A-Za-z_]\w*)\[\w+\]")
-_DECLARED = re.compile(r"\s*const (?:double|bool) (?P<name>a\d+) = (?P<text>.*);")
-_TOKEN = re.compile(
-    r"\d[\w.]*(?:(?<=e)-\d+)?|\w+(?:(?:->|\.)[A-Za-z_]\w*)*(?:\[\w+\])?|[-+*/<>=!&|?:]+|[(),]|\S"
-)
 _WORDS = {
     "+": "plus", "-": "minus", "*": "times", "/": "over", "<": "below", "<=": "up_to",
     ">": "above", ">=": "from", "==": "is", "!=": "is_not", "&&": "and", "||": "or", "!": "not",
@@ -32,11 +27,10 @@ _CALLS = {
     "exp": "exp", "log": "log", "sqrt": "root", "fabs": "abs", "square": "square", "sin": "sin",
     "cos": "cos", "tan": "tan", "atan": "atan", "tanh": "tanh", "sign_of": "sign",
 }  # fmt: skip
-_ANONYMOUS = re.compile(r"[A-Za-z]+\d+")
-_POINTERS = re.compile(r"(?:in|param|state|next|now)->")
+_STRUCTS = {"in", "param", "state", "next", "now"}
 
 
-def name_locals(lines: Sequence[str], part: str, taken: Iterable[str]) -> list[str]:
+def name_locals(lines: Sequence[Node], part: str, taken: Iterable[str]) -> list[Node]:
     """The statements of a C function with names for its anonymous locals.
 
     Args:
@@ -44,20 +38,21 @@ def name_locals(lines: Sequence[str], part: str, taken: Iterable[str]) -> list[s
         part: C name of the part whose members lose their first word, ``law_`` of ``law_eta``.
         taken: names that no local may have.
     """
-    used = {*taken, *re.findall(r"[A-Za-z_]\w*", " ".join(lines))}
-    names: dict[str, str] = {}
-    for line in lines:
-        found = _DECLARED.match(line) or _SUM.match(line)
-        if found is None or sum(_is_declared(found["name"], other) for other in lines) != 1:
+    used = {*taken, *c.words(lines)}
+    names: dict[str, Node] = {}
+    declared = [n for line in lines for n in line.walk() if n.kind == "declare" and n.parts]
+    once = [n.parts[0].base.head for n in declared]
+    once += [to.base.head for n in declared if (to := c.target(n)) is not None]
+    for line in declared:
+        to = c.target(line)
+        if to is None or not _is_letter(to, "a") or once.count(to.head) != 1:
             continue
-        text = _renamed(found["text"], names)
-        words = _said(text, part, names.values())
-        if _SUM.match(line):
-            words = _summed(text, part)
-        if words and words not in used:
-            names[found["name"]] = words
-            used.add(words)
-    return [_renamed(line, names) for line in lines]
+        made, sign = c.value(line).swap(names), line.head.startswith("const ")
+        said = (_said if sign else _summed)(made, part, {n.head for n in names.values()})
+        if said and said not in used:
+            names[to.head] = c.name(said)
+            used.add(said)
+    return c.swap_all(lines, names)
 
 
 def with_inside(f: ca.Function, taken: Iterable[str]) -> tuple[ca.Function, dict[Any, str]]:
@@ -83,51 +78,66 @@ def with_inside(f: ca.Function, taken: Iterable[str]) -> tuple[ca.Function, dict
         return ca.Function(f.name(), arguments, results, {"cse": True}), names
 
 
-def _is_declared(name: str, line: str) -> bool:
-    return re.match(rf"\s*(?:const )?(?:double|bool|int) {name}\b", line) is not None
+def _is_letter(n: Node, letter: str) -> bool:
+    return n.kind == "name" and n.head[:1] == letter and n.head[1:].isdecimal()
 
 
-def _renamed(text: str, names: dict[str, str]) -> str:
-    return re.sub(r"(?<![\w>.])a\d+\b", lambda m: names.get(m[0], m[0]), text)
+def _anonymous(name: str) -> bool:
+    """Whether it is letters and a number behind them."""
+    letters = name.rstrip("0123456789")
+    return letters.isalpha() and letters != name
 
 
-def _said(text: str, part: str, derived: Collection[str]) -> str:
+def _said(made: Node, part: str, derived: Collection[str]) -> str:
     """Words for an expression; none if it is long or of what has no name of the model."""
-    words: list[str] = []
-    tokens = _TOKEN.findall(re.sub(r"\*(?=[A-Za-z_])", "", text))  # not what an address holds
-    for token, after in zip(tokens, [*tokens[1:], ""], strict=True):
-        if token in ("(", ")"):
-            continue
-        word = _WORDS.get(token) or (_CALLS.get(token) if after == "(" else _word(token, part))
-        if not word or token in derived:
-            return ""
-        words.append(word)
+    words = _words(made, part, derived)
     if len(words) == 3 and words[1] == "times" and words[0][:1].isdigit():
         words.reverse()
     said = "_".join(words)
     good = 1 < len(words) <= WORDS and len(said) <= LONGEST and not said[0].isdigit()
-    return said if good else ""
+    return said if good and all(words) else ""
 
 
-def _summed(text: str, part: str) -> str:
+def _words(n: Node, part: str, derived: Collection[str]) -> list[str]:
+    """Word for each operation and operand, in their order; empty for what has none."""
+    inside = [word for p in n.parts for word in _words(p, part, derived)]
+    if n.kind == "op":
+        before = _words(n.parts[0], part, derived)
+        return [*before, _WORDS.get(n.head, ""), *inside[len(before) :]]
+    if n.kind == "paren" or (n.kind == "unary" and n.head == "*"):
+        return inside
+    if n.kind in ("unary", "call", "cast"):
+        word = {"unary": _WORDS, "call": _CALLS}.get(n.kind, {n.head: n.head}).get(n.head, "")
+        return [word if n.kind != "call" or len(n.parts) == 1 else "", *inside]
+    word = _word(n, part)
+    return ["" if n.text in derived else word]
+
+
+def _word(n: Node, part: str) -> str:
+    """Word for an operand; none for a number of many digits, or what has no name."""
+    if n.kind == "number":
+        whole, _, rest = n.head.partition(".")
+        short = rest.isdecimal() and len(whole) < 3 and len(rest) < 5
+        return n.head.removesuffix(".0").replace(".", "_") if short else ""
+    base, at = n.base, n.parts[1].text if n.kind == "index" else ""
+    if base.kind not in ("name", "member") or (at and not at.isdecimal()):
+        return ""
+    while base.head.startswith("->") and base.parts[0].head in _STRUCTS:
+        base = c.name(base.head[2:])
+    word = base.text.replace("->", "_").replace(".", "_").removeprefix(f"{part}_")
+    return "" if _anonymous(word) else f"{word}_{at}" if at else word
+
+
+def _summed(made: Node, part: str, derived: Collection[str]) -> str:
     """Words for a sum, by one of its terms: what is summed, and the condition that it is with."""
-    arrays = [name.removeprefix(f"{part}_") for name in _ARRAY.findall(text)]
-    if not arrays or any(_ANONYMOUS.fullmatch(name) for name in arrays):
+    arrays = [
+        (n.base.head.removeprefix("->").removeprefix(".")).removeprefix(f"{part}_")
+        for n in made.walk()
+        if n.kind == "index" and n.parts[1].kind in ("name", "number")
+    ]
+    if not arrays or any(_anonymous(name) for name in arrays):
         return ""
     *others, last = dict.fromkeys(arrays)
-    last = f"square_{last}" if "square(" in text else last
-    return "_".join([last, *others]) if "?" in text and others else f"sum_{last}"
-
-
-def _word(token: str, part: str) -> str:
-    """Word for an operand; none for a number of many digits, or what has no name."""
-    if re.fullmatch(r"\d{1,2}\.\d{1,4}", token):
-        return token.removesuffix(".0").replace(".", "_")
-    if not re.match(r"[A-Za-z_]", token):
-        return ""
-    base, _, at = token.partition("[")
-    base = _POINTERS.sub("", base).replace("->", "_").replace(".", "_")
-    base = base.removeprefix(f"{part}_")
-    if _ANONYMOUS.fullmatch(base) or (at and not at[:-1].isdigit()):
-        return ""
-    return f"{base}_{at[:-1]}" if at else base
+    last = f"square_{last}" if "square" in made.calls() else last
+    chosen = any(n.kind == "choice" for n in made.walk())
+    return "_".join([last, *others]) if chosen and others else f"sum_{last}"

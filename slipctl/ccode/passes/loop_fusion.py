@@ -6,37 +6,16 @@ there. Each value is computed from the same values in the same order, so the bit
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
-_FOR = re.compile(r"for \(int i = \d+; i < \d+; \+\+i\) \{")
-_TARGET = re.compile(
-    r"\s*(?:(?:const )?(?:double|bool) )?\*?(?P<name>[A-Za-z_]\w*(?:->\w+)?)(?:\[[^=]*\])?"
-    r"(?: [-+*/]?= |;)"
-)
-_BEGUN = re.compile(r"(?:double|bool) \w+(?:\[\d+\]| = .*);")
-_ARRAY = re.compile(r"(double|bool) (\w+)\[(\d+)\];")
+from slipctl.ccode.tree import nodes as c
+from slipctl.ccode.tree.nodes import Node
+
+_I = c.name("i")
 
 
-def _carries(name: str) -> re.Pattern[str]:
-    """Statement by which the element of an array goes on into the next turn."""
-    return re.compile(rf"    (\w+) = {name}\[i\];")
-
-
-@dataclass(frozen=True)
-class _Loop:
-    """A loop in lines: its first line, the line behind it, declarations before it."""
-
-    at: int
-    end: int
-    begun: int
-
-    def body(self, lines: Sequence[str]) -> list[str]:
-        return list(lines[self.at + 1 : self.end - 1])
-
-
-def fuse_loops(lines: Sequence[str]) -> list[str]:
+def fuse_loops(lines: Sequence[Node]) -> list[Node]:
     """Statements of a C function, of which loops that may be one are one."""
     now = list(lines)
     while (other := next(_joined(now), None)) is not None:
@@ -44,89 +23,122 @@ def fuse_loops(lines: Sequence[str]) -> list[str]:
     return _numbers(now)
 
 
-def _loops(lines: Sequence[str]) -> Iterator[_Loop]:
-    for at, line in enumerate(lines):
-        if not _FOR.fullmatch(line):
-            continue
-        end = at + 1 + list(lines[at:]).index("}")
-        begun = at
-        while begun and _BEGUN.fullmatch(lines[begun - 1]):
-            begun -= 1
-        yield _Loop(at, end, begun)
+def body(loop: Node) -> tuple[Node, ...]:
+    """Statements of a loop."""
+    return loop.parts[3].parts
 
 
-def _joined(lines: list[str]) -> Iterator[list[str]]:
-    """Lines with one loop less, for each two loops that may be one."""
-    found = list(_loops(lines))
-    for k, a in enumerate(found):
-        for b in found[k + 1 :]:
-            begun = max(b.begun, a.end)
-            if lines[a.at] == lines[b.at] and _free(lines, a, b, begun):
-                yield [
-                    *lines[: a.at], *lines[begun : b.at], *lines[a.at : a.end - 1],
-                    *b.body(lines), "}", *lines[a.end : begun], *lines[b.end :],
-                ]  # fmt: skip
+def _with_body(loop: Node, statements: Iterable[Node]) -> Node:
+    return replace(loop, parts=(*loop.parts[:3], c.block(statements)))
 
 
-def _free(lines: Sequence[str], a: _Loop, b: _Loop, begun: int) -> bool:
+def _joined(lines: list[Node]) -> Iterator[list[Node]]:
+    """Statements with one loop less, for each two loops that may be one."""
+    loops = [k for k, line in enumerate(lines) if line.kind == "for"]
+    for n, a in enumerate(loops):
+        for b in loops[n + 1 :]:
+            begun = b
+            while begun - 1 > a and _begins(lines[begun - 1]):
+                begun -= 1
+            same = lines[a].parts[:3] == lines[b].parts[:3]
+            if same and _free(lines[a], lines[b], lines[a + 1 : begun], lines[begun:b]):
+                whole = _with_body(lines[a], (*body(lines[a]), *body(lines[b])))
+                yield [*lines[:a], *lines[begun:b], whole, *lines[a + 1 : begun], *lines[b + 1 :]]
+
+
+def _begins(line: Node) -> bool:
+    """Whether it declares what a loop fills: an array, or a number with its start."""
+    if line.kind != "declare" or line.head not in ("double", "bool"):
+        return False
+    return line.parts[0].kind == "index" or c.target(line) is not None
+
+
+def _free(a: Node, b: Node, between: Sequence[Node], begins: Sequence[Node]) -> bool:
     """Whether what loop b does, and what it begins with, may be done with loop a."""
-    first, second = a.body(lines), b.body(lines)
-    between, begins = lines[a.end : begun], lines[begun : b.at]
-    if any(_FOR.fullmatch(line.strip()) for line in (*first, *second)):
+    first, second = body(a), body(b)
+    if any(n.kind == "for" for line in (*first, *second) for n in line.walk()):
         return False
     made_first, made_second = _targets(first), _targets([*second, *begins])
-    made_between = _targets(between)
-    if made_first & made_second or made_between & (_words(second) | _words(begins)):
+    made_between, used = _targets(between), _used(second)
+    if made_first & made_second or made_between & (used | _used(begins)):
         return False
-    if made_second & (_words(between) | _words(first)) or made_first & _words(begins):
+    if made_second & (_used(between) | _used(first)) or made_first & _used(begins):
         return False
-    text = "\n".join(second)
-    elements = set(re.findall(r"([A-Za-z_]\w*(?:->\w+)?)\[i\]", text))
-    for name in made_first & _words(second):
-        whole = len(re.findall(rf"(?<![\w>]){re.escape(name)}\b", text))
-        if name not in elements or whole != text.count(f"{name}[i]"):
-            return False
-        if any(re.match(rf"\s*{re.escape(name)}\[(?!i\])", line) for line in first):
-            return False
-    return True
+    at_i = [n.base.text for line in second for n in line.walk() if _is_here(n)]
+    others = [
+        n.base.text for line in first if (n := c.target(line)) is not None
+        if n.kind == "index" and n.parts[1] != _I
+    ]  # fmt: skip
+    return all(
+        at_i.count(name) and at_i.count(name) == _count(second, name) and name not in others
+        for name in made_first & used
+    )
 
 
-def _targets(lines: Sequence[str]) -> set[str]:
-    """Names that statements give values to, or declare."""
-    found = {m["name"] for line in lines if (m := _TARGET.match(line))}
-    return found | {"?"} if any("(&" in line or ", &" in line for line in lines) else found
+def _is_here(n: Node) -> bool:
+    return n.kind == "index" and n.parts[1] == _I
 
 
-def _words(lines: Sequence[str]) -> set[str]:
+def _count(lines: Iterable[Node], name: str) -> int:
+    return sum(n.kind in ("name", "member") and n.text == name for x in lines for n in x.walk())
+
+
+def _targets(lines: Iterable[Node]) -> set[str]:
+    """Names that statements give values to, or declare; ? where an address is passed on."""
+    found = set[str]()
+    for n in (n for line in lines for n in line.walk()):
+        if n.kind == "declare" or (n.kind == "do" and c.target(n) is not None):
+            to = c.target(n) or n.parts[0]
+            found.add((to.parts[0] if to.kind == "unary" else to).base.text)
+        if n.kind == "call" and any(p.kind == "unary" and p.head == "&" for p in n.parts):
+            found.add("?")
+    return found
+
+
+def _used(lines: Iterable[Node]) -> set[str]:
     """Names in statements, of members with their struct."""
-    return set(re.findall(r"[A-Za-z_]\w*(?:->\w+)?", " ".join(lines))) - {"i"}
+    found: set[str] = set()
+    waiting = list(lines)
+    while waiting:
+        n = waiting.pop()
+        if n.kind == "member" and n.head.startswith("->") and n.parts[0].kind == "name":
+            found.add(n.text)
+            continue
+        found |= {n.head} if n.kind == "name" else set()
+        waiting += n.parts
+    return found - {"i"}
 
 
-def _numbers(lines: Sequence[str]) -> list[str]:
-    """Lines in which an array that one loop fills and reads at hand is a number of its turn."""
+def _numbers(lines: Sequence[Node]) -> list[Node]:
+    """Statements in which an array that a loop fills and reads at hand is a number of its turn."""
     now = list(lines)
     for line in lines:
-        declared = _ARRAY.fullmatch(line)
-        if declared is None:
+        array = (
+            line.parts[0] if line.kind == "declare" and line.head in ("double", "bool") else None
+        )
+        if array is None or array.kind != "index" or array.parts[1].kind != "number":
             continue
-        kind, name, size = declared.groups()
-        carried = next((m[1] for x in now if (m := _carries(name).fullmatch(x))), None)
-        if carried:  # its last value, behind the loop
-            now = [x if x.startswith(" ") else re.sub(rf"(?<![\w>]){name}\[{int(size) - 1}\]",
-                                                      carried, x) for x in now]  # fmt: skip
-        use = re.compile(rf"(?<![\w>]){name}\b")
-        places = [k for k, x in enumerate(now) if x != line and use.search(x)]
-        loop = next((x for x in _loops(now) if places and x.at < places[0] < x.end), None)
-        if loop is None or places[-1] >= loop.end:
+        name, here = array.parts[0].head, c.index(array.parts[0], _I)
+        last = c.index(array.parts[0], int(array.parts[1].head) - 1)
+        given = [s for x in now if x.kind == "for" for s in body(x)
+                 if c.target(s) is not None and s.kind == "do" and c.value(s) == here]  # fmt: skip
+        carried = next((c.target(s) for s in given if s.parts[0].head == "="), None)
+        if carried is not None and carried.kind == "name":  # its last value, behind the loop
+            now = [x if x.kind == "for" else x.put(last, carried) for x in now]
+        places = [k for k, x in enumerate(now) if x != line and _count([x], name)]
+        if len(places) != 1 or now[places[0]].kind != "for":
             continue
-        text = "\n".join(now[k] for k in places)
-        start = f"    {name}[i] = "
-        if len(use.findall(text)) != text.count(f"{name}[i]") or text.count(f"\n{start}"):
+        loop = now[places[0]]
+        inside = [s for s in body(loop) if _count([s], name)]
+        first, *rest = inside
+        at_i = sum(n == here for s in inside for n in s.walk())
+        if at_i != _count(inside, name) or any(c.target(s) == here for s in rest):
             continue
-        if not now[places[0]].startswith(start) or name in now[places[0]][len(start) :]:
+        plain = first.kind == "do" and first.parts[0].head == "=" and c.target(first) == here
+        if not plain or _count([c.value(first)], name):
             continue
-        for k in places:
-            now[k] = now[k].replace(f"{name}[i]", name)
-        now[places[0]] = f"    const {kind} {now[places[0]].strip()}"
+        own = c.declare(f"const {line.head}", name, c.value(first))
+        made = [replace(own, told=first.told) if s is first else s for s in body(loop)]
+        now[places[0]] = _with_body(loop, [s.put(here, array.parts[0]) for s in made])
         now.remove(line)
     return now

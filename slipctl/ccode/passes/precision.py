@@ -1,4 +1,4 @@
-"""Double or float: the C is written in double, and turned into float token by token.
+"""Double or float: the C is written in double, and turned into float node by node.
 
 Nothing of double is left: types, literals, limits of <float.h> and calls of <math.h>. Comments and
 strings stay as they are.
@@ -6,10 +6,13 @@ strings stay as they are.
 
 from __future__ import annotations
 
-import re
+from dataclasses import replace
 
 import numpy as np
 
+from slipctl.ccode.tree import nodes as c
+from slipctl.ccode.tree.expressions import number
+from slipctl.ccode.tree.nodes import Node
 from slipctl.errors import BadInput, nearest
 
 REALS = ("double", "float")
@@ -26,12 +29,6 @@ MATH = frozenset(_MATH.split())
 _WORDS = {
     "double": "float", "DBL_MAX": "FLT_MAX", "DBL_MIN": "FLT_MIN", "DBL_EPSILON": "FLT_EPSILON",
 }  # fmt: skip
-_TOKEN = re.compile(
-    r"""/\*.*?\*/ | "(?:\\.|[^"\\])*" | '(?:\\.|[^'\\])*' | ^[ \t]*\#\s*include[^\n]*
-        | (?P<number>(?<![\w.])(?:\d+\.\d*|\.\d+|\d+(?=[eE]))(?:[eE][+-]?\d+)?)
-        | (?P<word>[A-Za-z_]\w*)(?P<call>(?=\s*\())?""",
-    re.VERBOSE | re.DOTALL | re.MULTILINE,
-)
 
 
 def check_real(real: str) -> str:
@@ -68,12 +65,25 @@ def epsilon(real: str) -> float:
     return float(np.finfo(np.float32 if real == "float" else np.float64).eps)
 
 
-def tolerant(text: str) -> str:
+def tolerant(n: Node) -> Node:
     """CasADi's solvers in float: tolerances that float can reach, where theirs are of double."""
-    text = re.sub(r"(constr_viol_tol = )1e-0?8\b", r"\g<1>1e-5", text)
-    text = re.sub(r"(dual_inf_tol = )1e-0?8\b", r"\g<1>1e-3", text)
-    text = re.sub(r"(?<=[<>=,] )(-?)1e-12\b|(?<=[<>])(-?)1e-12\b", r"\g<1>\g<2>1e-6", text)
-    return re.sub(r"(?<=[<> ])1e-14\b|(?<=<)1e-14\b", "1e-7", text)
+    named = {"constr_viol_tol": "1e-5", "dual_inf_tol": "1e-3"}
+
+    def number_of(x: Node) -> Node | None:
+        small = {"1e-12": "1e-6", "1e-14": "1e-7"}.get(x.head) if x.kind == "number" else None
+        return Node("number", small) if small else None
+
+    def rule(x: Node) -> Node | None:
+        to = x.parts[0] if x.kind == "op" and x.head == "=" else None
+        if to is None or to.kind != "member":
+            return None
+        tolerance = named.get(to.head.lstrip("->."))
+        return c.op(
+            to, "=", Node("number", tolerance) if tolerance else x.parts[1].change(number_of)
+        )
+
+    library = n.kind == "function" and n.parts[0].head.startswith("casadi_")
+    return n.change(rule).change(number_of) if library else n.change(rule)
 
 
 def size(real: str) -> int:
@@ -81,36 +91,47 @@ def size(real: str) -> int:
     return 4 if real == "float" else 8
 
 
-def in_precision(text: str, real: str, where: str) -> str:
-    """C text that was written in double, in the precision asked for.
+def in_precision(node: Node, real: str, where: str) -> Node:
+    """C that was written in double, in the precision asked for.
 
     Raises:
         BadInput: a constant that is too large for float.
     """
     if real == "double":
-        return text
+        return node
 
-    def turned(m: re.Match[str]) -> str:
-        if m["number"]:
-            return _literal(m["number"], where)
-        if m["word"]:
-            return m["word"] + "f" if m["call"] is not None and m["word"] in MATH else (
-                _WORDS.get(m["word"], m["word"])
-            )  # fmt: skip
-        return m[0]
+    def rule(n: Node) -> Node | None:
+        if n.kind == "number":
+            whole = n.head.isdecimal() or n.head[-1] in "uU"
+            return n if whole else Node("number", literal(float(n.head), real, where))
+        head = n.head
+        if n.kind == "call" and head in MATH:
+            head += "f"
+        elif n.kind in ("name", "declare", "cast", "function"):
+            head = " ".join(_WORDS.get(w, w) for w in head.split(" "))
+        if head != n.head:
+            return replace(n, head=head, parts=tuple(in_precision(p, real, where) for p in n.parts))
+        return None
 
-    return _TOKEN.sub(turned, text)
+    return node.change(rule)
 
 
-def _literal(text: str, where: str) -> str:
-    """A literal of float: the float nearest to the double that the model has.
+def literal(value: float, real: str, where: str) -> str:
+    """A number as C has it. In float it is the float nearest to the double that the model has.
 
     What is not 0 stays that, and what is below 1 stays so.
+
+    Raises:
+        BadInput: it is too large for float.
     """
-    value = float(text)
+    if real == "double" or not np.isfinite(value):
+        return number(value)
+    if value < 0:
+        return f"-{literal(-value, real, where)}"
     single = np.float32(value) if abs(value) < 3.5e38 else np.float32(np.inf)
     if np.isinf(single):
-        raise BadInput(f"{where}: the number {text} is too large for float; write it with double")
+        said = number(value)
+        raise BadInput(f"{where}: the number {said} is too large for float; write it with double")
     tiny = np.finfo(np.float32).tiny
     if value and single < tiny:  # what keeps a divisor from zero shall go on doing so
         single = tiny

@@ -5,11 +5,11 @@ Each function has a struct of its own in it, so nothing overlaps: no function ca
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from slipctl.ccode.tree.statements import declaration_lines
+from slipctl.ccode.tree import nodes as c
+from slipctl.ccode.tree.nodes import Node
 
 DEEPEST = 2048
 """Numbers in arrays of functions that call each other above which the larger ones leave the
@@ -21,9 +21,6 @@ LARGE = 16
 OWN = "own"
 """Pointer of a function to its arrays."""
 
-_ARRAY = re.compile(r"^ +double (\w+)\[(\d+)\];\n", re.MULTILINE)
-_HEAD = re.compile(r"^static (?P<type>\w+) (?P<name>\w+)\((?P<given>[^)]*)\)\n\{\n", re.MULTILINE)
-
 Arrays = tuple[tuple[str, int], ...]
 """Names and sizes."""
 
@@ -33,13 +30,13 @@ class Scratch:
     """Functions whose large arrays lie elsewhere.
 
     Attributes:
-        texts: the functions by name.
+        made: the functions by name.
         lines: statements that call them.
         arrays: of each function that has some, by its name.
     """
 
-    texts: Mapping[str, str]
-    lines: tuple[str, ...]
+    made: Mapping[str, Node]
+    lines: tuple[Node, ...]
     arrays: Mapping[str, Arrays]
 
     @property
@@ -48,19 +45,17 @@ class Scratch:
         return sum(n for rows in self.arrays.values() for _, n in rows)
 
 
-def off_stack(texts: Mapping[str, str], lines: Sequence[str], declared: str) -> Scratch:
+def off_stack(functions: Mapping[str, Node], lines: Sequence[Node], work: Node) -> Scratch:
     """Move large arrays off the stack, if they are much together.
 
     Args:
-        texts: functions by name, before lines are joined.
+        functions: by name.
         lines: statements that call them.
-        declared: declaration of the argument ``work``, behind which the arrays lie.
+        work: declaration of the argument ``work``, behind which the arrays lie.
     """
-    arrays = {
-        name: tuple((a, int(n)) for a, n in _ARRAY.findall(text)) for name, text in texts.items()
-    }
-    called = {n: set(re.findall(r"(\w+)\(", _body(text))) for n, text in texts.items()}
-    calls = {n: [m for m in texts if m in called[n]] for n in texts}
+    arrays = {name: _arrays(f) for name, f in functions.items()}
+    called = {name: f.parts[1].calls() for name, f in functions.items()}
+    calls = {n: [m for m in functions if m in called[n]] for n in functions}
     deepest: dict[str, int] = {}
 
     def depth(name: str) -> int:
@@ -69,77 +64,64 @@ def off_stack(texts: Mapping[str, str], lines: Sequence[str], declared: str) -> 
             deepest[name] = own + max((depth(m) for m in calls[name]), default=0)
         return deepest[name]
 
-    if max((depth(n) for n in texts), default=0) <= DEEPEST:
-        return Scratch(texts, tuple(lines), {})
+    if max((depth(n) for n in functions), default=0) <= DEEPEST:
+        return Scratch(functions, tuple(lines), {})
     large = {name: tuple(row for row in rows if row[1] > LARGE) for name, rows in arrays.items()}
     large = {name: rows for name, rows in large.items() if rows}
     needing = set(large)
-    while more := {n for n in texts if n not in needing and needing & set(calls[n])}:
+    while more := {n for n in functions if n not in needing and needing & set(calls[n])}:
         needing |= more
-    of_work = declared.removesuffix("*work").strip()
-    made = {}
-    for name, text in texts.items():
-        for other in (m for m in calls[name] if m in needing):
-            text = _given(text, other)
-        if name in large:
-            text = _moved(text, large[name], f"{of_work}_{name}")
-        if name in needing:
-            head = _HEAD.search(text)
-            assert head is not None
-            given = " ".join(head["given"].split()).removesuffix("void")
-            arguments = [*([given] if given else []), declared]
-            opening = declaration_lines(
-                f"static {head['type']}", name, *", ".join(arguments).split(", ")
-            )
-            text = f"{text[: head.start()]}{opening}\n{{\n{text[head.end() :]}"
-        made[name] = text
+
+    def given(n: Node) -> Node | None:
+        if n.kind != "call" or n.head not in needing:
+            return None
+        return c.call(n.head, [*(p.change(given) for p in n.parts), c.name("work")])
+
+    made = dict(functions)
     for name in needing:
-        lines = [_given(line, name) for line in lines]
-    return Scratch(made, tuple(lines), large)
+        head, body = functions[name].parts
+        body = body.change(given)
+        if name in large:
+            struct = f"{work.head}_{name}"
+            body = _moved(body, {a for a, _ in large[name]}, struct, name)
+        own = [p for p in head.parts if p.head != "void" or p.parts]
+        made[name] = replace(functions[name], parts=(c.call(name, [*own, work]), body))
+    return Scratch(made, tuple(line.change(given) for line in lines), large)
 
 
-def _body(text: str) -> str:
-    """What a function does, without what is told of it."""
-    head = _HEAD.search(text)
-    return re.sub(r"/\*.*?\*/", "", text[head.end() :] if head else text, flags=re.DOTALL)
+def _arrays(f: Node) -> Arrays:
+    """Arrays that a function declares without values."""
+    items = [n.parts[0] for n in f.parts[1].walk() if n.kind == "declare" and n.head == "double"]
+    return tuple((n.base.head, int(n.parts[1].head)) for n in items if n.kind == "index")
 
 
-def _moved(text: str, arrays: Arrays, struct: str) -> str:
-    """A function whose arrays are members of its struct."""
-    head = _HEAD.search(text)
-    assert head is not None
-    body = text[head.end() :]
-    names = {name for name, _ in arrays}
-    body = _ARRAY.sub(lambda m: "" if m[1] in names else m[0], body)
-    body = re.sub(
-        rf"(?<![\w>.])({'|'.join(sorted(names))})\b(?! *\()", lambda m: f"{OWN}->{m[1]}", body
-    )
-    pointer = f"    {struct} *const {OWN} = &work->{head['name']};\n"
-    return text[: head.end()] + pointer + body
+def _moved(body: Node, names: set[str], struct: str, name: str) -> Node:
+    """A function's statements with arrays that are members of its struct."""
+    own = c.name(OWN)
+
+    def rule(n: Node) -> Node | None:
+        if n.kind == "name" and n.head in names:
+            return Node("member", f"->{n.head}", (own,))
+        if n.kind == "block":
+            kept = [p for p in n.parts if not (p.kind == "declare" and _declares(p, names))]
+            return c.block(p.change(rule) for p in kept)
+        return None
+
+    pointer = c.declare(struct, Node("unary", "*const ", (own,)),
+                        c.address(Node("member", f"->{name}", (c.name("work"),))))  # fmt: skip
+    return c.block([pointer, *body.change(rule).parts])
 
 
-def _given(text: str, name: str) -> str:
-    """Text in which calls of a function are given ``work`` too."""
-    made, at = "", 0
-    for m in re.finditer(rf"(?<![\w>.]){name}\(", text):
-        if m.start() < at or text[: m.start()].endswith(("static void ", "static double ")):
-            continue
-        depth, end = 1, m.end()
-        while depth:
-            depth += {"(": 1, ")": -1}.get(text[end], 0)
-            end += 1
-        inside = text[m.end() : end - 1].rstrip()
-        made += text[at : m.end()] + inside + (", " if inside else "") + "work)"
-        at = end
-    return made + text[at:]
+def _declares(n: Node, names: set[str]) -> bool:
+    return n.head == "double" and n.parts[0].kind == "index" and n.parts[0].base.head in names
 
 
-def structs(arrays: Mapping[str, Arrays], name: str) -> list[str]:
+def structs(arrays: Mapping[str, Arrays], name: str, real: str) -> list[str]:
     """Declarations of the structs that hold them, and of the one that holds these."""
     lines: list[str] = []
     for function, rows in arrays.items():
         lines += [f"struct {name}_{function} {{"]
-        lines += [f"    double {a}[{n}];" for a, n in rows]
+        lines += [f"    {real} {a}[{n}];" for a, n in rows]
         lines += ["};", ""]
     lines += [f"struct {name} {{", *(f"    struct {name}_{f} {f};" for f in arrays), "};", ""]
     return lines

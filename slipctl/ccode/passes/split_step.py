@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 from slipctl.ccode.module import guard
@@ -10,23 +9,33 @@ from slipctl.ccode.module.guard_functions import early_good
 from slipctl.ccode.module.header import prototypes
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import number
-from slipctl.ccode.tree.statements import define, if_
+from slipctl.ccode.tree.nodes import Node
+from slipctl.ccode.tree.parser import define, expression, if_
 
 
-def in_place(plan: Plan, lines: list[str]) -> list[str]:
+def in_place(plan: Plan, lines: list[Node]) -> list[Node]:
     """Statements with calls that write where their result is copied to, and only to there."""
-    text = "\n".join(lines)
-    copies = re.findall(r"^    copy\((\w+->\w+), (r\d+), (\d+)\);$", text, re.M)
-    for to, local, n in copies:
-        if len(re.findall(rf"\b{local}\b", text)) != 3:
+    for line in list(lines):
+        e = line.parts[0] if line.kind == "do" else line
+        local = e.parts[1] if e.kind == "call" and e.head == "copy" else None
+        if local is None or local.kind != "name" or local.head[:1] != "r":
+            continue
+        if sum(x.uses(local.head) for x in lines) != 3:
             continue  # read elsewhere too
-        steps = (f"    double {local}[{n}];", f"    copy({to}, {local}, {n});")
-        text = "\n".join(line for line in text.split("\n") if line not in steps)
-        text = re.sub(rf"= {local};", f"= {to};", text)
-    for m in plan.ahead:  # what is prepared is not written again
-        text = text.replace(f"= next->{m.c};", f"= ({due(plan)}) ? next->{m.c} : NULL;")
-    return text.split("\n")
+        declared = c.declare("double", c.index(local, e.parts[2]))
+        lines = c.swap_all(
+            [x for x in lines if x not in (declared, line)], {local.head: e.parts[0]}
+        )
+    ahead = {f"next->{m.c}" for m in plan.ahead}  # what is prepared is not written again
+
+    def rule(n: Node) -> Node | None:
+        if n.kind != "op" or n.head != "=" or n.parts[1].text not in ahead:
+            return None
+        return c.op(n.parts[0], "=", expression(f"({due(plan)}) ? {n.parts[1]} : NULL"))
+
+    return [line.change(rule) for line in lines]
 
 
 def equations_call(plan: Plan, seen: str) -> str:
@@ -57,37 +66,40 @@ def take_state(plan: Plan, members: Sequence[Member]) -> list[str]:
     ]  # fmt: skip
 
 
-def prepare(plan: Plan) -> str:
+def prepare(plan: Plan) -> list[Node]:
     """Function that makes the first part of a tick, where it may be made in two."""
     if plan.block.composition.split is None:
-        return ""
+        return []
     n, big = plan.name, plan.layout.big
     only = plan.state_named(plan.block.composition.split.only).c
     following = "state->next" if plan.next_in_state else "next"
     ends, good = early_good(plan)
     refused = f"(int){big}_REFUSED"
-    lines = ["(void)param; /* those in force are used */"]
+    in_force = {"param": c.name("used"), "derived": expression("state->derived")}
+
+    def rule(x: Node) -> Node | None:
+        place = in_force.get(x.parts[0].head) if x.kind == "member" else None
+        sign = "." if place is not None and place.kind == "member" else "->"
+        return None if place is None else Node("member", sign + x.head[2:], (place,))
+
+    lines: list[str | Node] = ["(void)param; /* those in force are used */"]
     lines += [f"{n}_out now;"] + [f"struct {n}_kept next;"] * (not plan.next_in_state)
     lines.append(f"const {n}_param *const used = &state->in_force;")
-    lines.append(
-        if_([f"!(state->guard.mark == {number(guard.MARK)})"],
-            f"return (int){big}_NO_INIT | {refused};")
-    )  # fmt: skip
-    lines += [
-        line.replace("param->", "used->").replace("derived->", "state->derived.") for line in ends
-    ]
+    unset = f"!(state->guard.mark == {number(guard.MARK)})"
+    lines.append(if_(unset, f"return (int){big}_NO_INIT | {refused};"))
+    lines += [line.change(rule) for line in ends]
     if good:
-        good = good.replace("param->", "used->").replace("derived->", "state->derived.")
-        lines.append(if_([f"!({good})"], f"return (int){big}_OFF_RANGE | {refused};"))
+        tested = if_(f"!({good})", f"return (int){big}_OFF_RANGE | {refused};")
+        lines.append(tested.change(rule))
     call = f"{equations_call(plan, 'in')};"
     tests = ["(failed != 0)"] * plan.can_fail + [f"!result_finite(&{following}, &now)"]
     lines += [
         f"state->kept.{only} = 1.0;",
         f"const int failed = {call}" if plan.can_fail else call,
         f"state->kept.{only} = 0.0;",
-        if_([" || ".join([*tests, f"!ahead_finite(&{following})"])],
+        if_(" || ".join([*tests, f"!ahead_finite(&{following})"]),
             f"return (int){big}_BAD_RESULT | {refused};"),
         *take_state(plan, plan.layout.states),
         f"return {big}_OK;",
     ]  # fmt: skip
-    return define(prototypes(plan)["prepare"], lines)
+    return [define(prototypes(plan)["prepare"], lines)]

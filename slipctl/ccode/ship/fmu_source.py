@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import itertools
 import re
-import textwrap
 from pathlib import Path
 
 import casadi as ca
@@ -20,11 +19,16 @@ from slipctl.ccode.module.guard_functions import range_condition
 from slipctl.ccode.module.header import head
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.module.small import checks
+from slipctl.ccode.module.shapes import dense_value, matrix
+from slipctl.ccode.module.small import small_functions
+from slipctl.ccode.passes.part_structs import nest_states
 from slipctl.ccode.passes.precision import in_precision
+from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import Writer, number
-from slipctl.ccode.tree.helpers import helper_text
-from slipctl.ccode.tree.shapes import dense_value, matrix
+from slipctl.ccode.tree.helpers import helpers
+from slipctl.ccode.tree.nodes import Node
+from slipctl.ccode.tree.parser import expression
+from slipctl.ccode.tree.printer import file_text, lines_of
 
 TEMPLATES = Path(__file__).parent / "templates"
 
@@ -74,33 +78,30 @@ def core(plan: Plan, token: str, now: bool) -> str:
         f"    {m.at('m->in.', k)} = {c_number(v, plan)};"
         for m in lay.inputs for k, v in enumerate(start_elements(m))
     ]  # fmt: skip
-    starts, helpers = _starts(plan)
-    wrong = (
-        "\n            || ".join(
-            f"!{range_condition(plan, m, 'm->state.kept.')}" for m in lay.states
-        )
-        or "false"
-    )
-    tests = checks(wrong)
-    helpers += f"{tests}\n\n" if tests else ""
+    starts, called = _starts(plan)
+    tests = [expression(f"!{range_condition(plan, m, 'm->state.kept.')}") for m in lay.states]
+    functions = [*helpers(called), *small_functions(tests)]
 
-    def real(text: str) -> str:
-        return in_precision(lay.nested(text), plan.real, plan.block.name)
+    def real(n: Node) -> Node:
+        return in_precision(nest_states(lay, n), plan.real, plan.block.name)
 
+    defined = file_text(map(real, functions))
     filled = {
         "n": plan.name, "big": lay.big, "real": plan.real, "token": token, "now": int(now),
         "period": number(plan.period) if plan.period else "0.0", "places": "\n".join(lines) + "\n",
-        "inputs": "".join(f"{line}\n" for line in inputs), "starts": real(starts),
-        "helpers": real(helpers), "wrong": real(wrong), **counts,
+        "inputs": "".join(f"{line}\n" for line in inputs),
+        "starts": "".join(f"{x}\n" for x in lines_of(map(real, starts), " " * 8)),
+        "helpers": f"{defined}\n" if defined else "",
+        "wrong": "\n            || ".join(real(t).text for t in tests) or "false", **counts,
     }  # fmt: skip
     return re.sub(r"@(\w+)@", lambda m: str(filled[m[1]]), _template("fmu.c"))
 
 
-def _starts(plan: Plan) -> tuple[str, str]:
+def _starts(plan: Plan) -> tuple[list[Node], set[str]]:
     """Statements that compute the start values that were not set from those that were.
 
     ``init`` of the module computes them from its own start values only. Each is computed after
-    those that it uses. Also the text of the functions that the statements call.
+    those that it uses. Also the helpers that the statements call.
     """
     block, lay = plan.block, plan.layout
     groups = ((lay.params, "m->param."), (lay.derived, "m->state.derived."),
@@ -110,7 +111,7 @@ def _starts(plan: Plan) -> tuple[str, str]:
     ends_at = itertools.accumulate(m.size for m in lay.states)
     first = {m.name: end - m.size for m, end in zip(lay.states, ends_at, strict=True)}
     waiting = [m for m in lay.states if m.signal.derived]
-    text, helpers = "", set()
+    lines, called = list[Node](), set[str]()
     while waiting:
         for m in list(waiting):
             value = str(m.signal.value)
@@ -123,21 +124,21 @@ def _starts(plan: Plan) -> tuple[str, str]:
                             [dense_value(block, m.signal, ca.SX(result))],
                             {"cse": True})  # fmt: skip
             writer = _written(f, [places[n] for n in names])
-            text += _if_not_given(first[m.name], m, writer)
-            helpers |= set(writer.helpers)
+            lines.append(_if_not_given(first[m.name], m, writer))
+            called |= set(writer.helpers)
             waiting.remove(m)
-    return text, helper_text(helpers)
+    return lines, called
 
 
 def _written(f: ca.Function, places: list[tuple[Member, str]]) -> Writer:
-    return Writer(f, lambda i, k: places[i][0].at(places[i][1], k)).run()
+    return Writer(f, lambda i, k: places[i][0].node(places[i][1], k)).run()
 
 
-def _if_not_given(first: int, m: Member, writer: Writer) -> str:
+def _if_not_given(first: int, m: Member, writer: Writer) -> Node:
     """Statements that give a state, whose elements count from ``first``, its start value."""
     at = dict(writer.results)
-    lines = ["{", *(f"    {line}" for line in writer.lines)]
-    for k in range(m.size):
-        place, value = m.at("m->state.kept.", k), writer.result(at[0, k])
-        lines += [f"    if (!m->given[{first + k}]) {{", f"        {place} = {value};", "    }"]
-    return textwrap.indent("\n".join([*lines, "}"]) + "\n", " " * 8)
+    return c.block([*writer.lines, *(
+        c.branch(expression(f"!m->given[{first + k}]"),
+                 [c.assign(m.node("m->state.kept.", k), writer.result(at[0, k]))])
+        for k in range(m.size)
+    )])  # fmt: skip

@@ -13,8 +13,8 @@ from slipctl.ccode.compile.files import start_elements
 from slipctl.ccode.module.comments import ascii_text
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.module.shapes import c_elements
 from slipctl.ccode.tree.expressions import number
-from slipctl.ccode.tree.shapes import c_elements
 
 DISPLAY = {
     "m/s": ("km/h", 3.6), "rad/s": ("r/min", 30 / math.pi), "rad": ("deg", 180 / math.pi),

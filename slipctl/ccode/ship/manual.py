@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import re
-
 from slipctl.ccode.compile.board import EMULATOR, TARGETS, TOOLS
 from slipctl.ccode.compile.files import TOOLCHAIN
 from slipctl.ccode.module.header import CONTENT, memory, statuses
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan, first_sentence
 from slipctl.ccode.module.rates import groups
+from slipctl.ccode.module.shapes import c_elements
 from slipctl.ccode.ship.readable import table
 from slipctl.ccode.tree.expressions import number
-from slipctl.ccode.tree.shapes import c_elements
 
 
 def readme(plan: Plan) -> str:
@@ -178,11 +176,11 @@ def _idle(plan: Plan) -> list[str]:
     lay, made = plan.layout, plan.equations
     if made.entry:
         return []
-    lines = [*made.lines, *made.results.values(), *made.functions.values()]
-    lines += plan.start_lines(lay.derived, 0, "") + plan.start_lines(
-        lay.states, len(lay.derived), ""
-    )
-    read = set(re.findall(r"param->(\w+)", " ".join(lines)))
+    nodes = [*made.lines, *made.results.values(), *made.functions.values()]
+    nodes += plan.start_lines(lay.derived, 0, "now.")
+    nodes += plan.start_lines(lay.states, len(lay.derived), "state->")
+    members = (n for node in nodes for n in node.walk() if n.kind == "member")
+    read = {n.head[2:] for n in members if n.parts[0].head == "param"}
     return [m.c for m in lay.params if m.c not in read]
 
 

@@ -9,10 +9,10 @@ from slipctl.ccode.module.comments import comment
 from slipctl.ccode.module.header import head
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.tree.shapes import c_elements
+from slipctl.ccode.module.shapes import c_elements
+from slipctl.ccode.passes.sections import attribute
 from slipctl.errors import BadInput
 
-_TABLE = re.compile(r"^ *static const [^;={}()]*\](?= =)", re.M)
 _NAME = re.compile(r"[\w.$,\- ]{1,60}")
 
 
@@ -24,15 +24,6 @@ def check(option: str, section: str) -> None:
     """
     if not _NAME.fullmatch(section):
         raise BadInput(f"{option} {section!r} names no section; write one such as .calibration")
-
-
-def _attribute(section: str) -> str:
-    return f'__attribute__((section("{section}")))'
-
-
-def in_section(text: str, section: str) -> str:
-    """The text of a module with its tables in a section."""
-    return _TABLE.sub(lambda m: f"{m[0]} {_attribute(section)}", text)
 
 
 def calibration(plan: Plan, section: str) -> dict[str, str]:
@@ -56,7 +47,7 @@ def calibration(plan: Plan, section: str) -> dict[str, str]:
         f"extern const {n}_param {n}_param_instance;\n\n"
         "#ifdef __cplusplus\n}\n#endif\n\n#endif\n",
         f"{name}.c": f'{head(plan, f"{name}.c")}\n\n#include "{name}.h"\n\n'
-        f"const {n}_param {n}_param_instance {_attribute(section)} = {{\n{values}\n}};\n",
+        f"const {n}_param {n}_param_instance {attribute(section)} = {{\n{values}\n}};\n",
     }
 
 

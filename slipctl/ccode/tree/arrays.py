@@ -6,14 +6,13 @@ is used once is written where it is used, with the index of the loop around it.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import casadi as ca
 
 from slipctl.ccode.passes.sums import Total
-from slipctl.ccode.tree.expressions import ANY, Node, Text, Unsupported, Writer, number
-from slipctl.ccode.tree.expressions import ATOM as _ATOM
+from slipctl.ccode.tree import nodes as c
+from slipctl.ccode.tree.expressions import ANY, ATOM, Node, Unsupported, Value, Writer, constant
 from slipctl.ccode.tree.graph import (
     CALLED,
     CHOSEN,
@@ -33,14 +32,17 @@ from slipctl.ccode.tree.graph import (
     result_name,
     steps,
 )
+from slipctl.ccode.tree.nodes import Node as C
+from slipctl.ccode.tree.parser import expression
 from slipctl.ccode.tree.scans import single_columns
 from slipctl.ccode.tree.vectors import (
     AT,
     address,
     array_and_offset,
+    array_of,
     by_blocks,
-    element_text,
-    initialiser_lines,
+    element,
+    is_place,
     loop,
     place,
 )
@@ -51,11 +53,11 @@ class Arrays(Writer):
 
     Args:
         f: the Function.
-        sources: by argument: text of the scalar, or of the array that holds it.
-        call: writes the call of a Function: (lines, function, addresses or texts of arguments,
-            names of results).
+        sources: by argument: the scalar, or the vector in the array that holds it.
+        call: writes the call of a Function: (lines, function, arguments, results), None for what
+            has no numbers.
         names: names of results.
-        targets: by result, the array in which it is wanted, or "".
+        targets: by result, the array in which it is wanted.
         count: numbers of names, shared in one C function.
         can_be: what a scalar argument can be.
         hidden: results from this one on only have names.
@@ -65,10 +67,10 @@ class Arrays(Writer):
     def __init__(
         self,
         f: ca.Function,
-        sources: Sequence[str],
-        call: Callable[[Arrays, ca.Function, Sequence[str], Sequence[str]], None],
+        sources: Sequence[C],
+        call: Callable[[Arrays, ca.Function, Sequence[C | None], Sequence[C | None]], None],
         names: Mapping[int, str] | None = None,
-        targets: Mapping[int, str] | None = None,
+        targets: Mapping[int, C] | None = None,
         count: Iterator[int] | None = None,
         can_be: Callable[[int, int], int] = lambda i, k: ANY,
         hidden: int | None = None,
@@ -76,9 +78,9 @@ class Arrays(Writer):
     ) -> None:
         self.call, self.sources = call, sources
         self.outputs: list[int] = []  # node of each result
-        self.asked = ""  # condition that the first argument of a call is
+        self.asked = c.ZERO  # condition that the first argument of a call is
         self.done: set[int] = set()
-        self.targets: dict[int, str] = {}
+        self.targets: dict[int, C] = {}
         self.suggested: dict[int, str] = {}
         self.taken = {*taken, *(names or {}).values()}
         super().__init__(f, self._source, None, count, can_be=can_be)
@@ -89,7 +91,7 @@ class Arrays(Writer):
                 continue
             if names and i in names and i >= shown:
                 self.names.setdefault(n, names[i])
-            if targets and targets.get(i) and self._size(n) > 1:
+            if targets and i in targets and self._size(n) > 1:
                 self.targets.setdefault(n, targets[i])
         for i, n in enumerate(self.outputs[:shown]):
             named = names is not None and i in names and n >= 0 and self._size(n) == 1
@@ -103,7 +105,7 @@ class Arrays(Writer):
         self.uses = self._uses()
         self.signed = self._signed()
         self.chosen: set[int] = set()
-        self.places: dict[int, tuple[str, int]] = {}  # that a search has found; the last one
+        self.places: dict[int, tuple[C, int]] = {}  # that a search has found; the last one
         self.can_be = self._can_be(can_be)
 
     def _read(self, f: ca.Function) -> tuple[list[Node], list[tuple[tuple[int, int], int]]]:
@@ -119,23 +121,23 @@ class Arrays(Writer):
     def _size(self, k: int) -> int:
         return int(getattr(self.nodes[k], "size", 1))
 
-    def _source(self, i: int, k: int) -> str:
+    def _source(self, i: int, k: int) -> C:
         return self.sources[i]
 
-    def text_at(self, node: int, k: int | str) -> str:
-        """Text of an element of a value."""
-        return element_text(self._real(self.texts[node]), k)
+    def at(self, node: int, k: int) -> C:
+        """An element of a value."""
+        return element(self._real(self.values[node]), k)
 
     def _write(self, k: int) -> None:
         node = self.nodes[k]
         assert isinstance(node, Step)
-        if k in self.texts or not node.size or self._place(k, node):
+        if k in self.values or not node.size or self._place(k, node):
             return
         op = node.op
         if op == ca.OP_INPUT:
-            self.texts[k] = self._input(node)
+            self.values[k] = self._input(node)
         elif op == ca.OP_CONST and node.size > 1:
-            self.texts[k] = self._constant(node)
+            self.values[k] = self._constant(node)
         elif op == CALLED:
             self._called(k, node)
         elif op == SLICE:
@@ -143,42 +145,48 @@ class Arrays(Writer):
         elif op == SPREAD:
             self._spread(k, node)
         elif op == TURNED:
-            rows, columns = node.detail
-            base, offset = self._stored(node.args[0])
-            at = f"({AT} % {columns}) * {rows} + {AT} / {columns}"
-            self.texts[k] = Text(f"{base}[{offset} + {at}]" if offset else f"{base}[{at}]", _ATOM)
-        elif op in (JOINED, CHOSEN, PRODUCT, SPARSE_PRODUCT, SUM_OF, LARGEST, SMALLEST, DOT):
-            self._built(k, node)
+            rows, columns = (c.integer(n) for n in node.detail)
+            inside = c.op(c.paren(c.op(AT, "%", columns)), "*", rows)
+            self._taken(k, node.args[0], c.op(inside, "+", c.op(AT, "/", columns)))
+        elif op in _BUILT:
+            _BUILT[op](self, k, node)
         elif op == ca.OP_GETNONZEROS_PARAM:
             self._element(k, node)
         elif node.size == 1:
             super()._write(k)
             return
         else:
-            made = self._compose(node, self.signed[k])
-            self.texts[k] = made
-            if self.uses[k] > 1 or k in self.names or len(made.text) > 150:
+            made = self.values[k] = self._compose(node, self.signed[k])
+            if self.uses[k] > 1 or k in self.names or len(made.c.text) > 150:
                 self._line(k)
         wanted = k in self.names and node.size == 1
         given = op in (ca.OP_INPUT, ca.OP_CONST, CALLED)
-        if wanted and not given and self.texts[k].text != self.names[k]:
+        if wanted and not given and self.values[k].c != c.name(self.names[k]):
             self._line(k)
+
+    def _taken(self, k: int, source: int, at: C) -> None:
+        """Elements of a vector by an index, which is put behind where the vector begins."""
+        base, offset = self._stored(source)
+        begins = c.op(c.integer(offset), "+", at)
+        if offset and at.head == "+":  # from left to right
+            begins = c.op(c.op(c.integer(offset), "+", at.parts[0]), "+", at.parts[1])
+        self.values[k] = Value(c.index(base, begins if offset else at), ATOM)
 
     def _element(self, k: int, node: Step) -> None:
         """Element of an array by a number; by a place that was searched for it lies inside."""
         base, offset = self._stored(node.args[0])
-        place, last = self.places.get(node.args[1], ("", node.detail))
+        place, last = self.places.get(node.args[1], (c.ZERO, node.detail))
         if last < node.detail:
-            inside = f"{place} + {offset}" if offset else place
-            self.texts[k] = Text(f"{base}[{inside}]", _ATOM)
+            inside = c.op(place, "+", c.integer(offset)) if offset else place
+            self.values[k] = Value(c.index(base, inside), ATOM)
             if self.uses[k] > 1:
                 self._line(k)
             return
         self.helpers.add("element")
-        index = self._real(self.texts[node.args[1]])
-        text = f"element({address(base, offset)}, {node.detail}, {index})"
-        self.texts[k] = Text(text, _ATOM)
-        if node.size == 1 or self.uses[k] > 1 or len(text) > 60:
+        given = [address(base, offset), c.integer(node.detail), self._real_of(node.args[1])]
+        made = c.call("element", given)
+        self.values[k] = Value(made, ATOM)
+        if node.size == 1 or self.uses[k] > 1 or len(made.text) > 60:
             self._line(k)
 
     def _place(self, k: int, node: Step) -> bool:
@@ -187,78 +195,82 @@ class Arrays(Writer):
             base, offset = self._stored(node.args[0])
             self.helpers.add("reached")
             name = self.names.get(k) or f"k{next(self.count)}"
-            x = self._real(self.texts[node.args[1]])
-            search = f"reached({address(base, offset)}, {node.detail}, {x})"
-            self.lines.append(f"const int {name} = {search};")
-            self.places[k] = name, int(node.detail) - 1
+            given = [address(base, offset), c.integer(node.detail), self._real_of(node.args[1])]
+            self.lines.append(c.declare("const int", name, c.call("reached", given)))
+            self.places[k] = c.name(name), int(node.detail) - 1
         elif node.op == ca.OP_ADD and (first := [a for a in node.args if a in self.places]):
             by = next((a for a in node.args if a not in first), first[0])
             if self.nodes[by].op != ca.OP_CONST or self.nodes[by].value != 1:
                 return False
             place, last = self.places[first[0]]
-            self.places[k] = f"{place} + 1", last + 1
+            self.places[k] = c.op(place, "+", c.integer(1)), last + 1
         else:
             return False
-        self.texts[k] = Text(f"(double)({self.places[k][0]})", _ATOM)
+        self.values[k] = Value(C("cast", "double", (c.paren(self.places[k][0]),)), ATOM)
         return True
 
-    def _compose(self, node: Node, signed: bool) -> Text:
-        """Text of an operation; a truth that is above 0 is that truth."""
-        if node.op == ca.OP_LT and self.texts[node.args[1]].truth:
+    def _real_of(self, k: int) -> C:
+        return self._real(self.values[k])
+
+    def _compose(self, node: Node, signed: bool) -> Value:
+        """An operation; a truth that is above 0 is that truth."""
+        if node.op == ca.OP_LT and self.values[node.args[1]].truth:
             zero = self.nodes[node.args[0]]
             if zero.op == ca.OP_CONST and zero.value == 0.0 and self._size(node.args[0]) == 1:
-                return self.texts[node.args[1]]
+                return self.values[node.args[1]]
         return super()._compose(node, signed)
 
-    def _input(self, node: Step) -> Text:
+    def _input(self, node: Step) -> Value:
         source = self.sources[node.place[0]]
-        if source.endswith("[]"):
-            base, offset = source[:-2], int(node.detail)
-            return Text(place(base, offset) if node.size > 1 else f"{base}[{offset}]", _ATOM)
-        return Text(source, _ATOM)
+        if (array := array_and_offset(source)) is None:
+            return Value(source, ATOM)
+        base, offset = array[0], int(node.detail)
+        return Value(place(base, offset) if node.size > 1 else c.index(base, offset), ATOM)
 
-    def _constant(self, node: Step) -> Text:
+    def _constant(self, node: Step) -> Value:
         values = node.detail
         if all(v == values[0] for v in values):
-            text = number(values[0])
-            return Text(f"({text})" if text.startswith("-") else text, _ATOM)
+            made = constant(values[0])
+            return Value(c.paren(made) if made.text.startswith("-") else made, ATOM)
         if values == [values[0] + k for k in range(len(values))] and abs(values[0]) < 2**24:
-            begin = f" + {number(values[0])}" if values[0] else ""
-            return Text(f"((double){AT}{begin})" if begin else f"(double){AT}", _ATOM)
+            counted = C("cast", "double", (AT,))
+            begun = c.paren(c.op(counted, "+", constant(values[0])))
+            return Value(begun if values[0] else counted, ATOM)
         name = f"k{next(self.count)}"
-        declared = f"static const double {name}[{len(values)}]"
-        self.lines += initialiser_lines(declared, [number(v) for v in values])
-        return Text(f"{name}[{AT}]", _ATOM)
+        self.lines.append(array_of("static const double", name, map(constant, values)))
+        return Value(c.index(c.name(name), AT), ATOM)
 
-    def _stored(self, k: int) -> tuple[str, int]:
+    def _stored(self, k: int) -> tuple[C, int]:
         """Array and offset of a vector; it gets an array if it has none."""
-        text = self.texts[k]
-        if not text.truth:
-            found = array_and_offset(text.text)
+        v = self.values[k]
+        if not v.truth:
+            found = array_and_offset(v.c)
             if found is not None:
                 return found
-            single = re.fullmatch(r"([A-Za-z_][\w.>-]*)\[(\d+)\]", text.text)
-            if self._size(k) == 1 and single:
-                return single[1], int(single[2])
+            single = self._size(k) == 1 and v.c.kind == "index" and is_place(v.c.parts[0])
+            if single and v.c.parts[1].kind == "number":
+                return v.c.parts[0], int(v.c.parts[1].head)
         self._array(k)
-        found = array_and_offset(self.texts[k].text)
+        found = array_and_offset(self.values[k].c)
         assert found is not None
         return found
 
+    def _address(self, k: int) -> C:
+        return address(*self._stored(k))
+
     def _array(self, k: int) -> None:
         """Put the elements of a vector into an array of its own."""
-        name, size = self._target(k), self._size(k)
-        line = f"{place(name, 0)} = {self._real(self.texts[k])};"
-        self.lines += loop(size, line)
-        self.texts[k] = Text(place(name, 0), _ATOM)
+        to, size = place(self._target(k), 0), self._size(k)
+        self.lines += loop(size, c.assign(to, self._real_of(k)))
+        self.values[k] = Value(to, ATOM)
 
-    def _target(self, k: int) -> str:
+    def _target(self, k: int) -> C:
         """Array for a value: where it is wanted, or a new one."""
         if k in self.targets and k not in self.done:
             self.done.add(k)
             return self.targets[k]
-        name = self._name(k)
-        self.lines.append(f"{self.real} {name}[{self._size(k)}];")
+        name = c.name(self._name(k))
+        self.lines.append(c.declare(self.real, c.index(name, self._size(k))))
         return name
 
     def _line(self, k: int) -> None:
@@ -272,133 +284,129 @@ class Arrays(Writer):
     def _slice(self, k: int, node: Step) -> None:
         (source,) = node.args
         offset, stride = node.detail
-        text = self.texts[source]
+        v = self.values[source]
         if node.size == self._size(source) and stride == 1:
-            self.texts[k] = text
+            self.values[k] = v
             return
-        if AT not in text.text and self._size(source) > 1:  # the same number everywhere
-            self.texts[k] = text
+        if AT.head not in v.c.words and self._size(source) > 1:  # the same number everywhere
+            self.values[k] = v
             return
-        if (
-            "%" in text.text
-            or "/ " in text.text
-            or (array_and_offset(text.text) is None and node.size > 1)
-        ):
+        turned = any(n.kind == "op" and n.head in "%/" for n in v.c.walk())
+        if turned or (array_and_offset(v.c) is None and node.size > 1):
             self._stored(source)
-            text = self.texts[source]
+            v = self.values[source]
         if node.size == 1:
-            self.texts[k] = Text(element_text(text.text, offset), text.rank, text.truth)
+            self.values[k] = Value(element(v.c, offset), v.rank, v.truth)
             return
         base, first = self._stored(source)
-        self.texts[k] = Text(place(base, first + offset, stride), _ATOM)
+        self.values[k] = Value(place(base, first + offset, stride), ATOM)
+
+    def _same(self, k: int, source: int) -> None:
+        """One number that stands for each element."""
+        if self.values[source].rank != ATOM:
+            self._line(source)
+        self.values[k] = self.values[source]
 
     def _spread(self, k: int, node: Step) -> None:
         (source,) = node.args
         if node.detail == 1:
-            if self.texts[source].rank != _ATOM:
-                self._line(source)
-            self.texts[k] = self.texts[source]
+            self._same(k, source)
+        else:
+            self._taken(k, source, c.op(AT, "%", c.integer(node.detail)))
+
+    # ---- what takes several statements, into a variable or an array of its own ------------------
+
+    def _product(self, k: int, node: Step) -> None:
+        z, x, y = node.args
+        rows, inner, columns = node.detail
+        if rows * inner * columns == 1:
+            product = c.op(self._factor(x), "*", self._factor(y))
+            self.values[k] = Value(c.op(self.at(z, 0), "+", product), 6)
+            if self.uses[k] > 1 or k in self.names:
+                self._line(k)
+            return
+        bases = [self._address(v) for v in (x, y)]
+        name, begun = self._begun(k, node, self._real_of(z).text != "0.0")
+        called = "add_matrix_product" if begun else "matrix_product"
+        self.helpers.add(called)
+        sizes = [c.integer(n) for n in (rows, inner, columns)]
+        given = [bases[0], *sizes[:2], bases[1], sizes[2], name]
+        self.lines.append(c.do(c.call(called, given)))
+
+    def _begun(self, k: int, node: Step, begun: bool) -> tuple[C, bool]:
+        """Where a product goes, which has what it is added to, and its address."""
+        (z, *_), at = node.args, c.name
+        if node.size > 1:
+            name = self._target(k)
+            if begun:
+                self.lines += loop(node.size, c.assign(place(name, 0), self._real_of(z)))
+            self.values[k] = Value(place(name, 0), ATOM)
+            return name, begun
+        name = at(self._name(k))
+        self.lines.append(c.declare("double", name, self.at(z, 0) if begun else None))
+        self.values[k] = Value(name, ATOM)
+        return c.address(name), begun
+
+    def _sparse_product(self, k: int, node: Step) -> None:
+        _, x, y = node.args
+        values, given = (self._address(v) for v in (x, y))
+        table, places = f"k{next(self.count)}", []
+        for name, numbers in zip((f"{table}_begin", f"{table}_row"), node.detail, strict=True):
+            self.lines.append(array_of("static const int", name, map(c.integer, numbers)))
+            places.append(c.name(name))
+        to, _ = self._begun(k, node, True)
+        self.helpers.add("add_sparse_product")
+        columns = c.integer(len(node.detail[0]) - 1)
+        self.lines.append(c.do(c.call("add_sparse_product", [values, *places, columns, given, to])))
+
+    def _chosen(self, k: int, node: Step) -> None:
+        (source,) = node.args
+        if self._size(source) == 1 and set(node.detail) == {0}:
+            self._same(k, source)
             return
         base, offset = self._stored(source)
-        at = f"{AT} % {node.detail}"
-        self.texts[k] = Text(f"{base}[{offset} + {at}]" if offset else f"{base}[{at}]", _ATOM)
+        if node.size == 1:
+            self.values[k] = Value(c.index(base, offset + node.detail[0]), ATOM)
+            return
+        if (at := by_blocks(node.detail, offset)) is not None:
+            self.values[k] = Value(c.index(base, at), ATOM)
+            if self.uses[k] > 1 or k in self.targets:
+                self._array(k)
+            return
+        self._elements(
+            k, [c.index(base, offset + j) if j >= 0 else constant(0.0) for j in node.detail]
+        )
 
-    def _built(self, k: int, node: Step) -> None:
-        """Write what takes several statements, into a variable or an array of its own."""
-        op, args, lines = node.op, node.args, self.lines
-        if op == PRODUCT:
-            z, x, y = args
-            rows, inner, columns = node.detail
-            if rows * inner * columns == 1:
-                product = f"{self.text_at(z, 0)} + {self._factor(x)} * {self._factor(y)}"
-                self.texts[k] = Text(product, 6)
-                if self.uses[k] > 1 or k in self.names:
-                    self._line(k)
-                return
-            bases = [address(*self._stored(v)) for v in (x, y)]
-            name, start = self._target(k) if node.size > 1 else self._variable(k), self.texts[z]
-            begun = self._real(start) != "0.0"
-            if begun and node.size > 1:
-                lines += loop(node.size, f"{place(name, 0)} = {self._real(start)};")
-            elif node.size == 1:
-                lines.append(f"double {name}{f' = {self.text_at(z, 0)}' if begun else ''};")
-            at = name if node.size > 1 else f"&{name}"
-            call = "add_matrix_product" if begun else "matrix_product"
-            self.helpers.add(call)
-            lines.append(f"{call}({bases[0]}, {rows}, {inner}, {bases[1]}, {columns}, {at});")
-        elif op == SPARSE_PRODUCT:
-            z, x, y = args
-            values, given = (address(*self._stored(v)) for v in (x, y))
-            table, places = f"k{next(self.count)}", []
-            for name, numbers in zip((f"{table}_begin", f"{table}_row"), node.detail, strict=True):
-                declared = f"static const int {name}[{len(numbers)}]"
-                lines += initialiser_lines(declared, [str(v) for v in numbers])
-                places.append(name)
-            name, start = self._target(k) if node.size > 1 else self._variable(k), self.texts[z]
-            if node.size > 1:
-                lines += loop(node.size, f"{place(name, 0)} = {self._real(start)};")
+    def _joined(self, k: int, node: Step) -> None:
+        parts = [(self._size(a), self._real_of(a)) for a in node.args if self._size(a)]
+        if len(parts) == 1:
+            self.values[k] = self.values[next(a for a in node.args if self._size(a))]
+            return
+        if all(n == 1 for n, _ in parts):
+            self._elements(k, [element(v, 0) for _, v in parts])
+            return
+        name, offset = self._target(k), 0
+        for n, v in parts:
+            if n == 1:
+                self.lines.append(c.assign(c.index(name, offset), element(v, 0)))
             else:
-                lines.append(f"double {name} = {self.text_at(z, 0)};")
-            self.helpers.add("add_sparse_product")
-            columns = len(node.detail[0]) - 1
-            at = name if node.size > 1 else f"&{name}"
-            lines.append(
-                f"add_sparse_product({values}, {', '.join(places)}, {columns}, {given}, {at});"
-            )
-        elif op in (SUM_OF, LARGEST, SMALLEST, DOT):
-            self._folded(k, node)
-            return
-        elif op == CHOSEN:
-            (source,) = args
-            if self._size(source) == 1 and set(node.detail) == {0}:
-                if self.texts[source].rank != _ATOM:
-                    self._line(source)
-                self.texts[k] = self.texts[source]
-                return
-            base, offset = self._stored(source)
-            if node.size == 1:
-                self.texts[k] = Text(f"{base}[{offset + node.detail[0]}]", _ATOM)
-                return
-            if (index := by_blocks(node.detail, offset)) is not None:
-                self.texts[k] = Text(f"{base}[{index}]", _ATOM)
-                if self.uses[k] > 1 or k in self.targets:
-                    self._array(k)
-                return
-            name = self._target(k)
-            self._elements(
-                name, [f"{base}[{offset + j}]" if j >= 0 else "0.0" for j in node.detail]
-            )
-        else:
-            texts = [(a, self._size(a), self._real(self.texts[a])) for a in args if self._size(a)]
-            if len(texts) == 1:
-                self.texts[k] = self.texts[texts[0][0]]
-                return
-            name, offset = self._target(k), 0
-            if all(n == 1 for _, n, _ in texts):
-                self._elements(name, [element_text(text, 0) for _, _, text in texts])
-                texts = []
-            for _, n, text in texts:
-                if n == 1:
-                    lines.append(f"{name}[{offset}] = {element_text(text, 0)};")
-                else:
-                    lines += loop(n, f"{place(name, offset)} = {text};")
-                offset += n
-        self.texts[k] = Text(place(name, 0) if node.size > 1 else name, _ATOM)
+                self.lines += loop(n, c.assign(place(name, offset), v))
+            offset += n
+        self.values[k] = Value(place(name, 0), ATOM)
 
-    def _elements(self, name: str, texts: Sequence[str]) -> None:
+    def _elements(self, k: int, values: Sequence[C]) -> None:
         """Give an array its elements one by one, with its declaration if that is the last line."""
-        if self.lines[-1:] != [f"{self.real} {name}[{len(texts)}];"]:
-            self.lines += [f"{name}[{i}] = {text};" for i, text in enumerate(texts)]
-            return
-        self.lines[-1:] = initialiser_lines(f"const {self.real} {name}[{len(texts)}]", texts)
+        name = self._target(k)
+        self.values[k] = Value(place(name, 0), ATOM)
+        if self.lines[-1:] == [c.declare(self.real, c.index(name, len(values)))]:
+            self.lines[-1:] = [array_of(f"const {self.real}", name, values)]
+        else:
+            self.lines += [c.assign(c.index(name, i), v) for i, v in enumerate(values)]
 
-    def _factor(self, k: int) -> str:
-        t = self.texts[k]
-        text = element_text(self._real(t), 0)
-        return text if t.truth or t.rank >= 7 else f"({text})"
-
-    def _variable(self, k: int) -> str:
-        return self._name(k)
+    def _factor(self, k: int) -> C:
+        v = self.values[k]
+        made = element(self._real(v), 0)
+        return made if v.truth or v.rank >= 7 else c.paren(made)
 
     def _name(self, k: int) -> str:
         """Name for a value: its own, that of what gives it or takes it, or a new one."""
@@ -416,27 +424,27 @@ class Arrays(Writer):
 
     def _folded(self, k: int, node: Step) -> None:
         """A sum, a largest or a smallest element."""
-        texts = [self._real(self.texts[a]) for a in node.args]
+        values = [self._real_of(a) for a in node.args]
         if node.op == SUM_OF and node.size > 1:
             name = self._target(k)
-            self.lines += loop(node.size, f"{place(name, 0)} = 0.0;")
-            line = f"{name}[{AT} % {node.size}] += {texts[0]};"
-            self.lines += loop(node.detail, line)
-            self.texts[k] = Text(place(name, 0), _ATOM)
+            self.lines += loop(node.size, c.assign(place(name, 0), constant(0.0)))
+            to = c.index(name, c.op(AT, "%", c.integer(node.size)))
+            self.lines += loop(node.detail, c.assign(to, values[0], "+="))
+            self.values[k] = Value(place(name, 0), ATOM)
             return
-        name, start = self._variable(k), "0.0"
+        name, start = c.name(self._name(k)), constant(0.0)
         if node.op in (SUM_OF, DOT):
             if node.op == DOT:
-                texts = [self._operand(a, 7) for a in node.args]
-            line = f"{name} += {' * '.join(texts)};"
+                left, right = (self._operand(a, 7) for a in node.args)
+                values = [c.op(left, "*", right)]
+            turn = c.assign(name, values[0], "+=")
         else:
             way = "greater" if node.op == LARGEST else "lesser"
-            start = "-(double)INFINITY" if node.op == LARGEST else "(double)INFINITY"
+            start = expression(f"{'-' * (node.op == LARGEST)}(double)INFINITY")
             self.helpers.add(way)
-            line = f"{name} = {way}({name}, {texts[0]});"
-        self.lines.append(f"double {name} = {start};")
-        self.lines += loop(node.detail, line)
-        self.texts[k] = Text(name, _ATOM)
+            turn = c.assign(name, c.call(way, [name, values[0]]))
+        self.lines += [c.declare("double", name, start), *loop(node.detail, turn)]
+        self.values[k] = Value(name, ATOM)
 
     def _called(self, k: int, node: Step) -> None:
         g, number_of, slots = node.detail
@@ -444,42 +452,43 @@ class Arrays(Writer):
             n.place[1]: j for j, n in enumerate(self.nodes)
             if isinstance(n, Step) and n.op == CALLED and n.place[0] == number_of
         }  # fmt: skip
-        arguments = []
+        arguments: list[C | None] = []
         for i, a in enumerate(node.args):
             n = g.nnz_in(i)
             if not n:
-                arguments.append("")
+                arguments.append(None)
             elif self._size(a) != n:
                 if self._size(a):
                     raise Unsupported("argument of another size")
                 arguments.append(self._zeros(n))
             elif n == 1:
-                arguments.append(element_text(self._real(self.texts[a]), 0))
-                self.asked = element_text(self.condition(a), 0) if not i else self.asked
+                arguments.append(element(self._real_of(a), 0))
+                self.asked = element(self.condition(a), 0) if not i else self.asked
             else:
-                arguments.append(address(*self._stored(a)))
-        results = []
+                arguments.append(self._address(a))
+        results: list[C | None] = []
         for n in range(len(slots)):
-            j = mine.get(n)
-            size = g.nnz_out(n)
-            if not size:
-                results.append("")
+            j, size = mine.get(n), g.nnz_out(n)
+            if not size or j is None or not self.uses[j]:
+                results.append(None)
                 continue
-            if j is None or not self.uses[j]:
-                results.append("")
-                continue
-            if size > 1:
-                name = self._target(j)
-                self.texts[j] = Text(place(name, 0), _ATOM)
-            else:
-                name = self._name(j)
-                self.texts[j] = Text(name, _ATOM)
+            name = self._target(j) if size > 1 else c.name(self._name(j))
+            self.values[j] = Value(place(name, 0) if size > 1 else name, ATOM)
             results.append(name)
         self.call(self, g, arguments, results)
 
-    def _zeros(self, n: int) -> str:
+    def _zeros(self, n: int) -> C:
         if n == 1:
-            return "0.0"
-        name = f"a{next(self.count)}"
-        self.lines.append(f"static const double {name}[{n}] = {{0.0}};")
+            return constant(0.0)
+        name = c.name(f"a{next(self.count)}")
+        zeros = C("list", "", (constant(0.0),))
+        self.lines.append(c.declare("static const double", c.index(name, n), zeros))
         return name
+
+
+_BUILT: dict[int, Callable[[Arrays, int, Step], None]] = {
+    JOINED: Arrays._joined, CHOSEN: Arrays._chosen, PRODUCT: Arrays._product,
+    SPARSE_PRODUCT: Arrays._sparse_product,
+    **dict.fromkeys((SUM_OF, LARGEST, SMALLEST, DOT), Arrays._folded),
+}  # fmt: skip
+"""How what takes several statements is written."""

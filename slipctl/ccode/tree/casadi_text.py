@@ -1,8 +1,8 @@
-"""CasADi's C text, cleaned: what the equations need of it, static, without its exported interface.
+"""CasADi's C, cleaned: what the equations need of it, static, without its exported interface.
 
-CasADi generates one file with exported functions around the algorithm. Kept are the functions and
-tables that are reached; SX Functions among them are written anew. What cannot be generated, needs a
-library, allocates memory or keeps global data is refused.
+CasADi generates one file with exported functions around the algorithm. It is read once, as nodes.
+Kept are the functions and tables that are reached; SX Functions among them are written anew. What
+cannot be generated, needs a library, allocates memory or keeps global data is refused.
 """
 
 from __future__ import annotations
@@ -11,15 +11,18 @@ import contextlib
 import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
 
 from slipctl.ccode.module.comments import comment
 from slipctl.ccode.passes.direct_results import direct
-from slipctl.ccode.tree.expressions import Unsupported, Writer
+from slipctl.ccode.tree import nodes as c
+from slipctl.ccode.tree.expressions import Unsupported, Writer, constant
 from slipctl.ccode.tree.helpers import HELPERS
+from slipctl.ccode.tree.nodes import Node
+from slipctl.ccode.tree.parser import code, expression
 from slipctl.errors import BadInput
 
 _INSTEAD = {
@@ -42,11 +45,12 @@ def signature(f: ca.Function) -> str:
     return str(f).rpartition(" ")[0]
 
 
-def casadi_c(functions: Sequence[ca.Function], where: str) -> str:
-    """C text as CasADi gives it.
+def casadi_c(functions: Sequence[ca.Function], where: str) -> list[Node]:
+    """C as CasADi gives it: definitions at file level.
 
     Raises:
-        BadInput: an operation that CasADi cannot generate, by name.
+        BadInput: an operation that CasADi cannot generate, by name; a library, the heap or global
+            data would be needed.
     """
     options: dict[str, Any] = {"static_aux": True, "casadi_int": "int", "with_header": False}
     said = io.StringIO()
@@ -59,43 +63,68 @@ def casadi_c(functions: Sequence[ca.Function], where: str) -> str:
         except RuntimeError as error:
             reason = str(error).strip().splitlines()[-1]
             raise BadInput(f"{where}: CasADi cannot generate C for it: {reason}") from None
-    refused = re.search(r"#error\s+(.*)", text)
+    _, refused, rest = text.partition("#error")
     if refused:
-        what = refused[1].removeprefix("Code generation not supported for").strip()
+        what = rest.splitlines()[0].strip()
+        what = what.removeprefix("Code generation not supported for").strip()
         named = re.search(r'The function "(\w+)", which is of type', said.getvalue())
         of = f" {named[1]!r}" if named else ""
         instead = _INSTEAD.get(what, "write it in other operations, or compute it outside")
         raise BadInput(f"{where}: CasADi cannot generate C for {what}{of}; {instead}")
-    text = re.sub(r"\bCASADI_PREFIX\((\w+)\)", r"casadi_\1", text)
-    # an argument is NULL only where it has no numbers; the table of zeros would be constant data
-    return re.sub(r"\b(arg\[\d+\])\s*\? \1 : casadi_zeros\b", r"\1", text)
+    try:
+        found = code(_decided(text), _TYPES)
+    except ValueError as error:
+        raise BadInput(
+            f"{where}: the C that CasADi generates for it is not known: {error}"
+        ) from None
+    _refuse(found, where)
+    return found
 
+
+def _decided(text: str) -> str:
+    """Text without the lines of CasADi's prefixes, and of the others of its conditions one side.
+
+    That is the one behind #else, so of C99, and nothing is printed.
+    """
+    lines: list[str] = []
+    taken = [True]
+    text = re.sub(r"\bCASADI_PREFIX\((\w+)\)", r"casadi_\1", text)
+    for line in text.replace("CASADI_SYMBOL_EXPORT ", "").splitlines():
+        word = line.replace("#", " ").split()[:1] if line.lstrip().startswith("#") else [""]
+        if word[0].startswith("if"):
+            taken.append(False)
+        elif word[0] == "else":
+            taken[-1] = True
+        elif word[0] == "endif":
+            taken.pop()
+        elif all(taken) and not line.startswith("#define"):
+            lines.append(line)
+    return "\n".join(lines)
+
+
+_TYPES = {"casadi_real": "double", "casadi_int": "int", "casadi_qrqp_flag_t": "casadi_qrqp_flag_t"}
+"""CasADi's types, and what they are."""
 
 _OWN = {
-    "casadi_fmin": "lesser",
-    "casadi_fmax": "greater",
-    "casadi_sq": "square",
-    "casadi_sign": "sign_of",
-    "casadi_fabs": "fabs",
-}
+    "casadi_fmin": "lesser", "casadi_fmax": "greater", "casadi_sq": "square",
+    "casadi_sign": "sign_of", "casadi_fabs": "fabs",
+}  # fmt: skip
 """CasADi's helpers that we write ourselves, inlined."""
 
 
 @dataclass(frozen=True)
-class StaticText:
-    """CasADi's text of some Functions, cleaned."""
+class StaticC:
+    """CasADi's C of some Functions, cleaned."""
 
-    text: str
+    made: tuple[Node, ...]
     entries: list[str]
     work: tuple[int, int, int, int]
     helpers: frozenset[str]
     copied: bool
 
 
-def static_text(
-    functions: Sequence[ca.Function], docs: Mapping[str, str], where: str
-) -> StaticText:
-    """Text of Functions and of what they call.
+def static_c(functions: Sequence[ca.Function], docs: Mapping[str, str], where: str) -> StaticC:
+    """C of Functions and of what they call.
 
     Args:
         functions: Functions of different names.
@@ -103,230 +132,238 @@ def static_text(
         where: name of the block, for errors.
 
     Raises:
-        BadInput: as :func:`casadi_c`; a library, the heap or global data is needed.
+        BadInput: as :func:`casadi_c`.
     """
-    text = casadi_c(functions, where)
-    sizes: dict[str, int] = {}
-    for name, size in re.findall(r"if \((sz_arg|sz_res|sz_iw|sz_w)\) \*\1 = (\d+);", text):
-        sizes[name] = max(sizes.get(name, 0), int(size))
-    chunks = [c for c in chunks_of(text) if not _boilerplate(c) and c.name not in _OWN]
-    _refuse(text, chunks, where)
-    _own_sx(chunks, functions, docs)
-    wrappers = []
-    for f in functions:
-        wrapper = re.search(rf"\b{f.name()}\(const[^)]*\)\s*\{{\s*return (casadi_f\d+)\(", text)
-        assert wrapper is not None
-        wrappers.append(wrapper[1])
-    kept = _reached(chunks, wrappers)
-    names = {c.name: f"{c.label}__{c.name[7:]}" for c in kept if c.label}
-    helpers: set[str] = set()
-    for c in kept:
-        helpers |= c.helpers
-    body = "\n\n".join(_clean(direct(c.text) if c.label else c.text) for c in kept)
-    helpers |= {own for old, own in _OWN.items() if re.search(rf"\b{old}\b", body)} & set(HELPERS)
-    for old, new in (names | _OWN).items():
-        body = re.sub(rf"\b{old}\b", new, body)
-    return StaticText(
-        body, [names.get(w, w) for w in wrappers],
-        (sizes["sz_arg"], sizes["sz_res"], sizes["sz_iw"], sizes["sz_w"]), frozenset(helpers),
-        any(not c.label and c.name.startswith("casadi_") for c in kept),
+    whole = casadi_c(functions, where)
+    defined = {name: n for n in whole if (name := _defined(n)) and name not in _OWN}
+    signatures = {name: n.told[3:-3] for name, n in defined.items() if _is_function(name)}
+    writers = _own_sx(signatures, functions)
+    for name, told in signatures.items():
+        label = told.partition(":")[0]
+        n = defined[name]
+        body = _own_body(writers[name]) if name in writers else _clean(direct(n.parts[1]))
+        said = comment(f"{told}: {docs[label]}") if docs.get(label) else f"/* {told} */"
+        defined[name] = c.function(n.head, name, n.parts[0].parts, _quiet(n.parts[0], body), said)
+    wrappers = [_wrapped(whole, f) for f in functions]
+    kept = _reached(defined, wrappers)
+    new = {name: f"{signatures[name].partition(':')[0]}__{name[7:]}" for name in kept
+           if name in signatures}  # fmt: skip
+    own = [defined[name] if name in new else _runtime(defined[name]) for name in kept]
+    called = set[str]().union(*(n.calls() for n in own))
+    helpers = {_OWN[name] for name in called & set(_OWN)} & set(HELPERS)
+    helpers |= {h for name in kept if name in writers for h in writers[name].helpers}
+    made = tuple(c.with_calls(n, new | _OWN) for n in own)
+    sizes = [max(_sizes(whole, f"sz_{k}"), default=0) for k in ("arg", "res", "iw", "w")]
+    return StaticC(
+        made, [new.get(w, w) for w in wrappers], (sizes[0], sizes[1], sizes[2], sizes[3]),
+        frozenset(helpers), len(new) < len(kept),
     )  # fmt: skip
 
 
-@dataclass
-class _Chunk:
-    """One definition at file level."""
-
-    text: str
-    name: str = ""  # what it defines
-    label: str = ""  # name of the Function it evaluates
-    signature: str = ""
-    helpers: frozenset[str] = frozenset()
-
-
-def chunks_of(text: str) -> list[_Chunk]:
-    """Split C text into its definitions at file level."""
-    found: list[_Chunk] = []
-    lines: list[str] = []
-    depth = conditions = 0
-    for line in text.splitlines():
-        bare = line.strip()
-        if not depth and re.match(r"#\s*(if|endif)", bare):
-            conditions += -1 if re.match(r"#\s*endif", bare) else 1
-        lines.append(line)
-        if not bare.startswith(("#", "/*", "*")):
-            depth += line.count("{") - line.count("}")
-        directive = bare.startswith("#") and not bare.endswith("\\")
-        if depth or conditions or not (directive or bare.endswith(("}", "};", ";")) or not bare):
-            continue
-        if "".join(lines).strip():
-            found.append(_named("\n".join(lines).strip("\n")))
-        lines = []
-    return found
+def _defined(n: Node) -> str:
+    """What a node at file level defines, if it is none of the exported functions."""
+    if n.kind == "function":
+        return n.parts[0].head if n.head.startswith("static") else ""
+    if n.kind == "declare" and n.head.startswith("static"):
+        to = c.target(n)
+        return (to if to is not None else n.parts[0]).base.head
+    if n.kind == "struct":
+        return n.head.split()[-1]
+    return n.told if n.kind == "text" else ""
 
 
-def _named(text: str) -> _Chunk:
-    code = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL).strip()
-    first = code.partition("{")[0]
-    patterns = (
-        r"#define (\w+)", r"struct (\w+)\s*$", r"(\w+)\s*(?:\[[^\]]*\])?\s*=", r"(\w+)\s*\(",
-    )  # fmt: skip
-    name = next((m[1] for p in patterns if (m := re.search(p, first))), "")
-    if code.startswith("typedef"):
-        ended = re.search(r"(\w+)\s*;$", code)
-        name = ended[1] if ended else name
-    comment = re.match(r"\s*/\* (\w+):(\(.*\)->\(.*\)) \*/", text)
-    if comment and re.fullmatch(r"casadi_f\d+", name):
-        return _Chunk(text, name, comment[1], f"{comment[1]}:{comment[2]}")
-    return _Chunk(text, name)
+def _is_function(name: str) -> bool:
+    """Whether CasADi has written it for a Function."""
+    return name.startswith("casadi_f") and name.removeprefix("casadi_f").isdecimal()
 
 
-def _boilerplate(chunk: _Chunk) -> bool:
-    """Whether it is a prefix macro, an option or an exported function."""
-    text = re.sub(r"/\*.*?\*/", "", chunk.text, flags=re.DOTALL).strip()
-    if not text or text.startswith(("#include", "#ifdef CASADI", "#ifndef casadi", "#ifndef CAS")):
-        return True
-    if re.match(r"#define (casadi_\w+) \1$", text):
-        return True
-    return not text.startswith(("static", "#define", "struct", "typedef", "enum"))
+def _wrapped(whole: Iterable[Node], f: ca.Function) -> str:
+    """Name of the C function that the exported one of a Function calls."""
+    (found,) = (n for n in whole if n.kind == "function" and n.parts[0].head == f.name())
+    return next(x.head for x in found.walk() if x.kind == "call" and _is_function(x.head))
 
 
-def _refuse(text: str, chunks: Iterable[_Chunk], where: str) -> None:
-    for header in re.findall(r"#include [<\"]([^>\"]+)[>\"]", text):
-        if header not in _LIBRARY:
+def _sizes(whole: Iterable[Node], name: str) -> list[int]:
+    """Sizes of work that CasADi gives by an address."""
+    by = c.value_at(c.name(name))
+    return [
+        int(c.value(s).head) for n in whole if n.kind == "function" for s in n.walk()
+        if s.kind == "do" and c.target(s) == by and c.value(s).kind == "number"
+    ]  # fmt: skip
+
+
+def _refuse(whole: Iterable[Node], where: str) -> None:
+    for n in whole:
+        header = n.head.partition("<")[2].rstrip(">") if n.head.startswith("#include") else ""
+        if header and header not in _LIBRARY:
             raise BadInput(
                 f"{where}: its C would need the library of <{header}>; use a solver that CasADi"
                 " writes out, such as 'qrqp' or 'fast_newton'"
             )
-    for c in chunks:
-        code = c.text.partition("{")[0]
-        if code.startswith("static") and "(" not in code and "const" not in code:
+        kept = n.kind == "declare" and n.head.startswith("static") and "const" not in n.head
+        if kept and n.parts[0].kind != "call":
             raise BadInput(
-                f"{where}: its C would keep global data ({c.name}), as sqpmethod and external"
+                f"{where}: its C would keep global data ({_defined(n)}), as sqpmethod and external"
                 " solvers do, and could not run twice; iterate with fold() or 'fast_newton'"
             )
-    heap = re.search(r"\b(malloc|calloc|realloc)\s*\(", text)
-    if heap:
-        raise BadInput(f"{where}: its C would call {heap[1]}; use another solver")
+        heap = n.calls() & {"malloc", "calloc", "realloc"}
+        if heap:
+            raise BadInput(f"{where}: its C would call {min(heap)}; use another solver")
 
 
-def _own_sx(
-    chunks: list[_Chunk], functions: Sequence[ca.Function], docs: Mapping[str, str]
-) -> None:
-    """Write nested SX Functions anew, where the name tells which one it is."""
+def _own_sx(signatures: Mapping[str, str], functions: Sequence[ca.Function]) -> dict[str, Writer]:
+    """Nested SX Functions written anew, where the name tells which one it is."""
     known: dict[str, list[ca.Function]] = {}
     for f in functions:
         for g in (f, *f.find_functions()):
-            known.setdefault(signature(g), []).append(g)
-    for c in chunks:
-        candidates = known.get(c.signature, [])
+            known.setdefault(str(g).rpartition(" ")[0], []).append(g)
+    found = {}
+    for name, told in signatures.items():
+        candidates = known.get(told, [])
         same = len({g.serialize() for g in candidates}) == 1
-        if c.label and docs.get(c.label):
-            c.text = re.sub(
-                r"^\s*/\*.*?\*/", comment(f"{c.signature}: {docs[c.label]}").replace("\\", "/"),
-                c.text, count=1, flags=re.DOTALL,
-            )  # fmt: skip
-        if not same or not candidates[0].is_a("SXFunction"):
-            continue
-        try:
-            writer = Writer(candidates[0], lambda i, k: f"arg[{i}][{k}]").run()
-        except Unsupported:
-            continue
-        c.text = _as_function(c, writer)
-        c.helpers = frozenset(writer.helpers)
+        if same and candidates[0].is_a("SXFunction"):
+            with contextlib.suppress(Unsupported):
+                found[name] = Writer(candidates[0], lambda i, k: expression(f"arg[{i}][{k}]")).run()
+    return found
 
 
-def _as_function(chunk: _Chunk, writer: Writer) -> str:
-    comment = re.match(r"\s*/\*.*?\*/", chunk.text, flags=re.DOTALL)
-    lines = [comment[0]] if comment else []
-    arguments = "const double **arg, double **res, int *iw, double *w, int mem"
-    lines += [f"static int {chunk.name}({arguments})", "{"]
-    body = [f"    {line}" for line in writer.lines]
-    at: dict[int, list[str]] = {}
+def _own_body(writer: Writer) -> Node:
+    at: dict[int, list[Node]] = {}
     for (i, k), node in writer.results:
-        at.setdefault(i, []).append(f"        res[{i}][{k}] = {writer.result(node)};")
-    for i, assignments in at.items():
-        body += [f"    if (res[{i}] != NULL) {{", *assignments, "    }"]
-    return "\n".join([*lines, *body, "    return 0;", "}"])
+        given = c.assign(expression(f"res[{i}][{k}]"), writer.result(node))
+        at.setdefault(i, []).append(given)
+    ifs = [c.branch(expression(f"res[{i}] != NULL"), given) for i, given in at.items()]
+    return c.block([*writer.lines, *ifs, c.give(c.ZERO)])
 
 
-def _reached(chunks: list[_Chunk], entries: Sequence[str]) -> list[_Chunk]:
+def _reached(defined: Mapping[str, Node], entries: Sequence[str]) -> list[str]:
     """Definitions that the entries need, in their order."""
-    by_name: dict[str, list[_Chunk]] = {}
-    for c in chunks:
-        by_name.setdefault(c.name, []).append(c)
-    wanted, waiting = set(), list(entries)
+    wanted, waiting = set[str](), list(entries)
     while waiting:
         name = waiting.pop()
-        if name in wanted or name not in by_name:
-            continue
-        wanted.add(name)
-        for c in by_name[name]:
-            waiting += re.findall(r"\w+", c.text)
-    return [c for c in chunks if c.name in wanted]
+        if name in defined and name not in wanted:
+            wanted.add(name)
+            n = defined[name]
+            waiting += n.words
+            waiting += [w for x in n.walk() for w in x.head.split() if x.kind == "declare"]
+            waiting += n.head.replace("(", " ").split() if n.kind == "text" else []
+    return [name for name in defined if name in wanted]
 
 
-_VALUE = r"(?:\(\*\w+\+\+\)|\*?\w+(?:\[\w+\])?)"
-_REPLACED = (
-    # a real number as a condition: compared, so that no compiler warns
-    (rf"\(! ({_VALUE}|\*\w+\+\+) \)", r"(\1 == 0)"),
-    (rf"\(({_VALUE})\?", r"(\1 != 0 ? "),
-    (r"\bif \(bottom\)", "if (bottom != 0)"),  # B-splines
-    (r"\*\(ng-1\)/", "*(double)(ng-1)/"),  # tables of even steps: a float does not hold any int
-    (rf"\(({_VALUE})(&&|\|\|)({_VALUE})\)", r"(\1 != 0 \2 \3 != 0)"),
-    (r"\bcasadi_real_min\b", "DBL_MIN"),
-    (r"\bcasadi_real\b", "double"),
-    (r"\bcasadi_int\b", "int"),
-    (r"\bcasadi_nan\b", "((double)NAN)"),  # NAN itself is a float
-    (r"\bcasadi_inf\b", "((double)INFINITY)"),
-    (r"\barg\[(\d+)\]\s?\? arg\[\1\]\[(\d+)\] : 0", r"arg[\1][\2]"),  # never NULL here
-    # pointers are compared with NULL, numbers with numbers, and a truth is chosen as a number
-    (r"\b((?:arg|res)1?\[\d+\])=0;", r"\1=NULL;"),
-    (r"\bif \(((?:arg|res)1?\[\d+\])\) ([^;{}]*;)", r"if (\1 != NULL) { \2 }"),
-    (
-        r"\bif \((\w+\(arg1?(?:\+\d+)?, res1?, iw, w, 0\))\) return 1;",
-        r"if (\1 != 0) { return 1; }",
-    ),
-    (rf"({_VALUE}) != 0 \? ", r"\1 != 0.0 ? "),
-    (rf"({_VALUE} != 0\.0 \? {_VALUE}):0\)", r"\1:0.0)"),
-    (rf"({_VALUE}) (!=) 0 (&&|\|\|) ({_VALUE}) (!=) 0\)", r"\1 \2 0.0 \3 \4 \5 0.0)"),
-    (rf"= \(({_VALUE}) == 0\);", r"= (\1 == 0.0);"),
-    (rf"= \(({_VALUE} ?(?:==|!=|<=?) ?{_VALUE})\);", r"= (\1) ? 1.0 : 0.0;"),
-    (rf"= \(({_VALUE} != 0\.0 (?:&&|\|\|) {_VALUE} != 0\.0)\);", r"= (\1) ? 1.0 : 0.0;"),
-    (rf"= \(({_VALUE} == 0\.0)\);", r"= (\1) ? 1.0 : 0.0;"),
-    (r"\b(wr?\d+)\+0\b", r"\1"),
-    (r"(for \(i=0; i<\d+; \+\+i\)) ((?:arg|res)1\[i\]=(?:arg|res)\[i\];)", r"\1 { \2 }"),
-    (r"(casadi_to_int\(x\)) \(\(\w+\) x\)", r"\1 ((int)(x))"),
-    (r"\bif \(arg\[0\] \? (casadi_to_int\(\*arg\[0\]\)) : 0\)", r"if (\1 != 0)"),
-    (r"\b(double r = (?:is_dense \? \S+ : )?)0;", r"\g<1>0.0;"),
-    (r"(for \(i=0; i<n; \+\+i\)) (r = \w+\(r, x\[i\]\);)", r"\1 { \2 }"),
-    (r"\b0\+ ?i\*\d+", "0"),  # address of nothing: repmat of an empty vector
-    (
-        r"(?s)/\* Pre-c99 compatibility \*/\n#if __STDC_VERSION__ < 199901L\n.*?#else\n"
-        r"(.*?)#endif\n",
-        r"\1",
-    ),
-)
-"""CasADi's types and macros, and what they mean."""
+# ---- CasADi's habits, in C that no compiler warns of --------------------------------------------
+
+_NUMBERS = {"casadi_real_min": "DBL_MIN", "casadi_nan": "((double)NAN)",
+            "casadi_inf": "((double)INFINITY)"}  # fmt: skip
+_NO_REAL = constant(0.0)
 
 
-def _clean(text: str) -> str:
-    for pattern, meaning in _REPLACED:
-        text = re.sub(pattern, meaning, text)
-    return _quiet(text)
+def _meaning(n: Node) -> Node | None:
+    """What one of CasADi's macros is."""
+    if n.kind == "call" and n.head == "casadi_to_int":
+        return Node("cast", "int", (c.paren(n.parts[0].change(_meaning)),))
+    return expression(_NUMBERS[n.head]) if n.kind == "name" and n.head in _NUMBERS else None
 
 
-def _quiet(text: str) -> str:
-    """Mark arguments that a function does not use."""
-    head, _, body = text.partition("{")
-    signature = re.sub(r"/\*.*?\*/", "", head, flags=re.DOTALL).strip()
-    parameters = re.fullmatch(r"static [^=()]*\(([^()]*)\)", signature)
-    if not parameters:
-        return text
-    names = [re.search(r"(\w+)\s*$", p) for p in parameters[1].split(",")]
-    unused = [m[1] for m in names if m and m[1] != "void" and not re.search(rf"\b{m[1]}\b", body)]
-    if not unused:
-        return text
-    voids = " ".join(f"(void){n};" for n in unused)
-    # declarations come first in CasADi's text; C99 allows a statement before them
-    return f"{head}{{\n  {voids}{body}"
+def _runtime(n: Node) -> Node:
+    """A function of CasADi's library: numbers are no conditions, integers are turned to them."""
+
+    def rule(x: Node) -> Node | None:
+        if x.kind == "if" and x.parts[0] == c.name("bottom"):  # B-splines
+            asked = c.op(x.parts[0], "!=", _NO_REAL)
+            return replace(x, parts=(asked, *(p.change(rule) for p in x.parts[1:])))
+        if x == _EVEN:  # tables of even steps: a float does not hold any int
+            return Node("cast", "double", (x,))
+        if x.kind == "declare" and x.head == "double" and (to := c.target(x)) is not None:
+            if to == c.name("r") and c.value(x) == c.ZERO:
+                return c.declare("double", "r", _NO_REAL)
+            if to == c.name("r") and c.value(x).kind == "choice":
+                asked, yes, no = c.value(x).parts
+                return c.declare("double", "r", Node("choice", "", (
+                    asked, yes.change(_meaning), _NO_REAL if no == c.ZERO else no)))  # fmt: skip
+        return _meaning(x)
+
+    return n.change(rule)
+
+
+_EVEN = expression("(ng - 1)")
+
+
+def _is_value(n: Node) -> bool:
+    """Whether it is a real number at hand: a local, an element, what an address holds."""
+    if n.kind == "paren":
+        return _is_value(n.parts[0])
+    if n.kind == "index":
+        return n.parts[0].kind == "name" and not n.parts[0].head.startswith(("arg", "res"))
+    local = n.kind == "name" and n.head[:1] == "w" and n.head[1:].isdecimal()
+    return local or (n.kind == "unary" and n.head == "*")
+
+
+def _is_truth(n: Node) -> bool:
+    inside = n.parts[0] if n.kind == "paren" else n
+    return (inside.kind == "op" and inside.head in ("==", "!=", "<", "<=", "&&", "||")) or (
+        inside.kind == "unary" and inside.head == "!"
+    )
+
+
+def _clean(body: Node) -> Node:
+    """A Function's C: reals are compared with 0.0, pointers with NULL, a truth is a number."""
+
+    def real(n: Node) -> Node:
+        made = n.change(rule)
+        return made if not _is_value(n) else c.op(made, "!=", _NO_REAL)
+
+    def rule(n: Node) -> Node | None:
+        if n.kind == "choice":
+            asked, yes, no = n.parts
+            if asked.kind == "index" and asked.parts[0].head == "arg":
+                return yes.change(rule)  # never NULL here
+            if _is_value(asked):
+                other = _NO_REAL if no == c.ZERO else no.change(rule)
+                return Node("choice", "", (real(asked), yes.change(rule), other))
+        if n.kind == "unary" and n.head == "!" and _is_value(n.parts[0]):
+            return c.op(n.parts[0].change(rule), "==", _NO_REAL)
+        if n.kind == "op" and n.head in ("&&", "||"):
+            return c.op(real(n.parts[0]), n.head, real(n.parts[1]))
+        if n.kind == "op" and n.head == "=":
+            return _given(n, rule)
+        if n.kind == "op" and n.head == "+" and c.ZERO in n.parts:
+            whole = n.parts[1] if n.parts[0] == c.ZERO else n.parts[0]
+            nothing = n.parts[0] == c.ZERO and whole.kind == "op" and whole.head == "*"
+            return c.ZERO if nothing else whole.change(rule)  # of nothing: repmat of an empty one
+        if n.kind == "if":
+            return _asked(n, rule)
+        return _meaning(n)
+
+    return body.change(rule)
+
+
+def _given(n: Node, rule: Any) -> Node:
+    to, given = n.parts
+    pointers = to.kind == "index" and to.parts[0].head in ("arg", "res", "arg1", "res1")
+    if pointers and given == c.ZERO:
+        return c.op(to, "=", c.name("NULL"))
+    made = given.change(rule)
+    if _is_truth(given) and not pointers:
+        made = Node("choice", "", (made, constant(1.0), _NO_REAL))
+    return c.op(to.change(rule), "=", made)
+
+
+def _asked(n: Node, rule: Any) -> Node | None:
+    """A branch on a pointer, on what a function gives back, or on a flag."""
+    asked = n.parts[0]
+    flag = asked.kind == "choice" and asked.parts[1].kind == "call"
+    if asked.kind == "index" and asked.parts[0].head in ("arg", "res", "arg1", "res1"):
+        made = c.op(asked, "!=", c.name("NULL"))
+    elif asked.kind == "call" or flag:
+        made = c.op((asked.parts[1] if flag else asked).change(rule), "!=", c.ZERO)
+    else:
+        return None
+    return replace(n, parts=(made, *(p.change(rule) for p in n.parts[1:])))
+
+
+def _quiet(head: Node, body: Node) -> list[Node]:
+    """Statements of a function, before them those that name the arguments that it does not use."""
+    names = [p.parts[0] for p in head.parts if p.parts]
+    while any(n.kind in ("unary", "index") for n in names):
+        names = [n.parts[0] if n.kind in ("unary", "index") else n for n in names]
+    return [*(c.mark_unused(n.head) for n in names if not body.uses(n.head)), *body.parts]

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
 import casadi as ca
 
+from slipctl.ccode.passes import ramp_tables
 from slipctl.ccode.passes.sums import Total, totals
-from slipctl.ccode.tree import ramp_tables
+from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.helpers import HELPERS
+from slipctl.ccode.tree.nodes import Node as C
+from slipctl.ccode.tree.parser import expression
 
 WIDTH = 200
 """Characters of an expression above which its longest part gets a line of its own."""
@@ -106,12 +108,17 @@ CHAIN = 6
 
 
 @dataclass
-class Text:
-    """Text of a value, how strongly its outermost operation binds, and what it is."""
+class Value:
+    """C of a value, how strongly its outermost operation binds, and what it is."""
 
-    text: str
+    c: C
     rank: int
     truth: bool = False  # a C condition (bool), not a real number
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is a name, a member, an element or a number."""
+        return self.rank == ATOM and "(" not in self.c.text
 
 
 def number(value: float) -> str:
@@ -121,8 +128,14 @@ def number(value: float) -> str:
     if math.isinf(value):
         return "((double)INFINITY)" if value > 0 else "(-(double)INFINITY)"
     text = repr(float(value)).replace("e+", "e")
-    zeros = re.fullmatch(r"(-?\d+?)(0{5,})\.0", text)
-    return f"{zeros[1]}e{len(zeros[2])}" if zeros else text
+    whole = text.removesuffix(".0").rstrip("0")
+    zeros = len(text) - 2 - len(whole)
+    return f"{whole}e{zeros}" if text.endswith(".0") and zeros >= 5 else text
+
+
+def constant(value: float) -> C:
+    """A number as a node."""
+    return expression(number(value))
 
 
 def known_operation(op: int) -> bool:
@@ -229,7 +242,7 @@ class Writer:
     def __init__(
         self,
         f: ca.Function,
-        read_input: Callable[[int, int], str],
+        read_input: Callable[[int, int], C],
         names: Mapping[tuple[int, int], str] | None = None,
         count: Iterator[int] | None = None,
         real: str = "double",
@@ -244,11 +257,11 @@ class Writer:
             if i >= begin and nodes[node].op not in (ca.OP_CONST, ca.OP_INPUT):
                 nodes[node] = Node(ca.OP_INPUT, place=(f.n_in() + i - begin, k))
         self.nodes, self.tables = ramp_tables.replace_ramps(nodes)
-        self.pieces: dict[int, tuple[str, str]] = {}  # table -> row of C, ramp
+        self.pieces: dict[int, tuple[C, C]] = {}  # table -> row of C, ramp
         self.read_input, self.real = read_input, real
-        self.lines: list[str] = []
+        self.lines: list[C] = []
         self.helpers: set[str] = set()
-        self.texts: dict[int, Text] = {}
+        self.values: dict[int, Value] = {}
         self.count = itertools.count(1) if count is None else count
         self.names: dict[int, str] = {}
         for place, node in self.results:
@@ -282,20 +295,21 @@ class Writer:
                 self._write(k)
         return self
 
-    def result(self, node: int) -> str:
+    def result(self, node: int) -> C:
         """C expression of the value of a result."""
-        return self._real(self.texts[node])
+        return self._real(self.values[node])
 
-    def atom(self, node: int) -> str:
+    def atom(self, node: int) -> C:
         """Name, member or number of a value; a longer expression gets a line first."""
-        if self.texts[node].rank != ATOM or "(" in self.texts[node].text:
+        if not self.values[node].plain:
             self._line(node)
-        return self._real(self.texts[node])
+        return self._real(self.values[node])
 
-    def condition(self, node: int) -> str:
+    def condition(self, node: int) -> C:
         """C condition: the whole part of the value is not zero, as CasADi decides."""
-        t = self.texts[node]
-        return t.text if t.truth else f"(int)({t.text}) != 0"
+        v = self.values[node]
+        whole = C("cast", "int", (c.paren(v.c),))
+        return v.c if v.truth else c.op(whole, "!=", c.ZERO)
 
     def _uses(self) -> list[int]:
         uses = [0] * len(self.nodes)
@@ -339,11 +353,11 @@ class Writer:
     def _write(self, k: int) -> None:
         node = self.nodes[k]
         if node.op == ca.OP_CONST:
-            text = number(node.value)
-            self.texts[k] = Text(text, _UNARY if text.startswith("-") else ATOM)
+            plain = constant(node.value)
+            self.values[k] = Value(plain, _UNARY if plain.text.startswith("-") else ATOM)
             return
         if node.op == ca.OP_INPUT:
-            self.texts[k] = Text(self.read_input(*node.place), ATOM)
+            self.values[k] = Value(self.read_input(*node.place), ATOM)
             return
         if node.op == ramp_tables.PIECES:
             self._row(node)
@@ -352,25 +366,29 @@ class Writer:
             return
         called = set(self.helpers)
         made = self._compose(node, self.signed[k])
-        while len(made.text) > WIDTH:
-            long = max(node.args, key=lambda a: len(self.texts[a].text))
-            if self.texts[long].rank == ATOM and "(" not in self.texts[long].text:
+        while len(made.c.text) > WIDTH:
+            long = max(node.args, key=lambda a: len(self.values[a].c.text))
+            if self.values[long].plain:
                 break
             self._line(long)
-            self.helpers = set(called)  # without those of the text thrown away
+            self.helpers = set(called)  # without those of what is thrown away
             made = self._compose(node, self.signed[k])
-        self.texts[k] = made
-        named = k in self.names or (k in self.offered and len(made.text) > LONG)
+        self.values[k] = made
+        named = k in self.names or (k in self.offered and len(made.c.text) > LONG)
         if named or self.uses[k] > 1 or k in self.chosen:
             self._line(k)
 
+    def _own_name(self, k: int) -> str:
+        """Name of a value: its own, or a new one."""
+        return self.names.get(k) or self.offered.get(k) or f"a{next(self.count)}"
+
     def _total(self, k: int, total: Total) -> None:
         """Statements that add the terms of a sum one by one, in its order: a loop, rolled up."""
-        texts = [self._operand(a, _SUM) for a in total.terms]
-        name = self.names.get(k) or self.offered.get(k) or f"a{next(self.count)}"
-        self.lines.append(f"{self.real} {name} = {texts[0]};")
-        self.lines += [f"{name} += {text};" for text in texts[1:]]
-        self.texts[k] = Text(name, ATOM)
+        first, *others = [self._operand(a, _SUM) for a in total.terms]
+        to = self._own_name(k)
+        self.lines.append(c.declare(self.real, to, first))
+        self.lines += [c.assign(c.name(to), v, "+=") for v in others]
+        self.values[k] = Value(c.name(to), ATOM)
 
     def _row(self, node: Node) -> None:
         """Statements that find the piece of a table, once."""
@@ -378,93 +396,96 @@ class Writer:
         if number_of in self.pieces:
             return
         x, name = self.atom(node.args[0]), f"t{next(self.count)}"
-        table, at, ramp = self.tables[number_of], f"k{name[1:]}", f"a{next(self.count)}"
+        table, at, ramp = self.tables[number_of], c.name(f"k{name[1:]}"), f"a{next(self.count)}"
         self.helpers |= {"reached", "at_least", "at_most"}
+        begin, long = c.name(f"{name}_at"), c.name(f"{name}_long")
+        found = c.call("reached", [begin, c.integer(len(table.ramps)), x])
+        risen = c.call("at_least", [c.op(x, "-", c.index(begin, at)), constant(0.0)])
         self.lines += [
-            f"/* straight pieces over {x}: begin, length, height and slope of each result */",
-            *table.lines(name, number, 90),
-            f"const int {at} = reached({name}_at, {len(table.ramps)}, {x});",
-            f"const {self.real} {ramp} ="
-            f" at_most(at_least({x} - {name}_at[{at}], 0.0), {name}_long[{at}]);",
+            c.remark(f"straight pieces over {x}: begin, length, height and slope of each result"),
+            *table.declared(name, constant),
+            c.declare("const int", at, found),
+            c.declare(f"const {self.real}", ramp, c.call("at_most", [risen, c.index(long, at)])),
         ]
-        self.pieces[number_of] = f"{name}[{at}]", ramp
+        self.pieces[number_of] = c.index(c.name(name), at), c.name(ramp)
 
     def _line(self, k: int) -> None:
         """Give a value a line and a name of its own."""
-        made = self.texts[k]
-        name = self.names.get(k) or self.offered.get(k) or f"a{next(self.count)}"
-        self.lines.append(f"const {'bool' if made.truth else self.real} {name} = {made.text};")
-        self.texts[k] = Text(name, ATOM, made.truth)
+        made, to = self.values[k], self._own_name(k)
+        kind = f"const {'bool' if made.truth else self.real}"
+        self.lines.append(c.declare(kind, to, made.c))
+        self.values[k] = Value(c.name(to), ATOM, made.truth)
 
-    def _real(self, t: Text) -> str:
-        return f"({t.text} ? 1.0 : 0.0)" if t.truth and t.rank == ATOM else (
-            f"(({t.text}) ? 1.0 : 0.0)" if t.truth else t.text
-        )  # fmt: skip
+    def _real(self, v: Value) -> C:
+        if not v.truth:
+            return v.c
+        asked = v.c if v.rank == ATOM else c.paren(v.c)
+        return c.paren(C("choice", "", (asked, constant(1.0), constant(0.0))))
 
-    def _operand(self, k: int, rank: int) -> str:
-        """Text of a real value that binds at least as strongly as ``rank``."""
-        t = self.texts[k]
-        if t.truth:
-            return self._real(t)
-        return t.text if t.rank >= rank else f"({t.text})"
+    def _operand(self, k: int, rank: int) -> C:
+        """A real value that binds at least as strongly as ``rank``."""
+        v = self.values[k]
+        return self._real(v) if v.truth or v.rank >= rank else c.paren(v.c)
 
-    def _condition(self, k: int, rank: int) -> str:
-        t = self.texts[k]
-        if not t.truth:
-            t = Text(f"{self._operand(k, _RELATION)} != 0.0", _EQUAL)
-        return t.text if t.rank >= rank else f"({t.text})"
+    def _condition(self, k: int, rank: int) -> C:
+        v = self.values[k]
+        if not v.truth:
+            v = Value(c.op(self._operand(k, _RELATION), "!=", constant(0.0)), _EQUAL)
+        return v.c if v.rank >= rank else c.paren(v.c)
 
-    def _compose(self, node: Node, signed: bool) -> Text:
+    def _compose(self, node: Node, signed: bool) -> Value:
         op, a = node.op, node.args
         if op in _BINARY:
             sign, rank = _BINARY[op]
             right = self._operand(a[1], rank + 1)
-            if right.startswith("-"):
-                right = f"({right})"
-            return Text(f"{self._operand(a[0], rank)} {sign} {right}", rank)
+            if right.text.startswith("-"):
+                right = c.paren(right)
+            return Value(c.op(self._operand(a[0], rank), sign, right), rank)
         if op in _COMPARE:
             sign, rank = _COMPARE[op]
             left, right = (self._operand(k, _SUM) for k in a)
-            return Text(f"{left} {sign} {right}", rank, True)
+            return Value(c.op(left, sign, right), rank, True)
         if op == ramp_tables.PIECES:
-            (row, ramp), c = self.pieces[node.place[0]], 2 * node.place[1]
-            return Text(f"{row}[{c}] + {row}[{c + 1}] * {ramp}", _SUM)
+            (row, ramp), k = self.pieces[node.place[0]], 2 * node.place[1]
+            risen = c.op(c.index(row, k + 1), "*", ramp)
+            return Value(c.op(c.index(row, k), "+", risen), _SUM)
         if op == ca.OP_NEG:
-            return Text(f"-{self._operand(a[0], ATOM)}", _UNARY)
+            return Value(C("unary", "-", (self._operand(a[0], ATOM),)), _UNARY)
         if op == ca.OP_INV:
-            return Text(f"1.0 / {self._operand(a[0], _UNARY)}", _PRODUCT)
+            return Value(c.op(constant(1.0), "/", self._operand(a[0], _UNARY)), _PRODUCT)
         if op == ca.OP_TWICE:
-            return Text(f"2.0 * {self._operand(a[0], _UNARY)}", _PRODUCT)
+            return Value(c.op(constant(2.0), "*", self._operand(a[0], _UNARY)), _PRODUCT)
         if op == _SLOPE:
             self.helpers.add("slope_of_lesser")
-            return Text(f"slope_of_lesser({', '.join(self._real(self.texts[k]) for k in a)})", ATOM)
+            given = [self._real(self.values[k]) for k in a]
+            return Value(c.call("slope_of_lesser", given), ATOM)
         if op == ca.OP_NOT:
             return self._not(a[0])
         if op in (ca.OP_AND, ca.OP_OR):
             sign = "&&" if op == ca.OP_AND else "||"
             left, right = (self._condition(k, ATOM) for k in a)
-            return Text(f"{left} {sign} {right}", _AND if op == ca.OP_AND else _OR, True)
+            return Value(c.op(left, sign, right), _AND if op == ca.OP_AND else _OR, True)
         if op == ca.OP_IF_ELSE_ZERO:
-            return self._select(a[0], self._operand(a[1], _OR), "0.0")
+            return self._select(a[0], self._operand(a[1], _OR), constant(0.0))
         if op == _SELECT:
             made = self._select(a[0], self._operand(a[1], _OR), self._operand(a[2], _OR))
             # CasADi adds 0 to the value chosen, which makes -0 a +0
-            return Text(f"({made.text}) + 0.0", _SUM) if signed else made
+            return Value(c.op(c.paren(made.c), "+", constant(0.0)), _SUM) if signed else made
         return self._call(op, a)
 
-    def _not(self, k: int) -> Text:
-        t = self.texts[k]
-        if t.truth:
-            return Text(f"!{self._condition(k, ATOM)}", _UNARY, True)
-        return Text(f"{self._operand(k, _RELATION)} == 0.0", _EQUAL, True)
+    def _not(self, k: int) -> Value:
+        v = self.values[k]
+        if v.truth:
+            return Value(C("unary", "!", (self._condition(k, ATOM),)), _UNARY, True)
+        return Value(c.op(self._operand(k, _RELATION), "==", constant(0.0)), _EQUAL, True)
 
-    def _select(self, condition: int, yes: str, no: str) -> Text:
-        return Text(f"{self._condition(condition, ATOM)} ? {yes} : {no}", _CHOICE)
+    def _select(self, condition: int, yes: C, no: C) -> Value:
+        return Value(C("choice", "", (self._condition(condition, ATOM), yes, no)), _CHOICE)
 
-    def _call(self, op: int, a: tuple[int, ...]) -> Text:
-        if op == ca.OP_SQ and self.texts[a[0]].rank == ATOM and self._plain(a[0]):
-            x = self._operand(a[0], ATOM)
-            return Text(f"{x} * {x}", _PRODUCT)
+    def _call(self, op: int, a: tuple[int, ...]) -> Value:
+        if op == ca.OP_SQ and self.values[a[0]].plain and not self.values[a[0]].truth:
+            x = self.values[a[0]].c
+            return Value(c.op(x, "*", x), _PRODUCT)
         name = _CALLS[op]
         if op in _BOUNDS and self.can_be[a[0]]:
             name, a = _BOUNDS[op][0], (a[1], a[0])
@@ -472,7 +493,4 @@ class Writer:
             name = _BOUNDS[op][1]
         if name in HELPERS:
             self.helpers.add(name)
-        return Text(f"{name}({', '.join(self._real(self.texts[k]) for k in a)})", ATOM)
-
-    def _plain(self, k: int) -> bool:
-        return not self.texts[k].truth and "(" not in self.texts[k].text
+        return Value(c.call(name, [self._real(self.values[k]) for k in a]), ATOM)

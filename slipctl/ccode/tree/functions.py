@@ -6,20 +6,20 @@ by address, or as what it returns if it has one number. A map and an accumulatio
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 
 import casadi as ca
 
-from slipctl.ccode.module.comments import WIDTH, comment
+from slipctl.ccode.module.comments import comment
 from slipctl.ccode.module.layout import KEYWORDS, LOCAL
 from slipctl.ccode.passes.local_names import name_locals, with_inside
 from slipctl.ccode.passes.repeats import hand_results, roll_calls
 from slipctl.ccode.passes.rolled_loops import roll_lines
+from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.arrays import Arrays
 from slipctl.ccode.tree.expressions import ANY, Unsupported, Writer
-from slipctl.ccode.tree.graph import argument_names, free_name, result_name
+from slipctl.ccode.tree.graph import argument_names, free_name, result_name, word
 from slipctl.ccode.tree.helpers import HELPERS
 from slipctl.ccode.tree.loops import (
     Sums,
@@ -31,9 +31,10 @@ from slipctl.ccode.tree.loops import (
     shared_columns,
     sums,
 )
+from slipctl.ccode.tree.nodes import Node as C
+from slipctl.ccode.tree.parser import code
 from slipctl.ccode.tree.scans import find_scan, scan_lines
-from slipctl.ccode.tree.statements import call_statement
-from slipctl.ccode.tree.vectors import AT, element_text, loop
+from slipctl.ccode.tree.vectors import AT, element, loop, place
 from slipctl.ccode.tree.while_loops import Again, again_lines, find_while_loop, stays
 
 Branches = Callable[[ca.Function], tuple[ca.Function, ca.Function] | None]
@@ -46,7 +47,7 @@ class Functions:
     Attributes:
         branches: gives what an if_else Function chooses from: (if true, otherwise), or None.
         docs: comment by the name of a Function.
-        texts: text by C name.
+        made: function by C name.
         helpers: functions of ``HELPERS`` that they call.
         names: C name by serialised Function.
         letters: names that locals have from the model.
@@ -56,7 +57,7 @@ class Functions:
 
     branches: Branches
     docs: Mapping[str, str]
-    texts: dict[str, str] = field(default_factory=dict)
+    made: dict[str, C] = field(default_factory=dict)
     helpers: set[str] = field(default_factory=set)
     names: dict[str, str] = field(default_factory=dict)
     letters: set[str] = field(default_factory=set)
@@ -74,7 +75,7 @@ class Functions:
             self.names[key] = self.name(inner)
         if key not in self.names:
             name = self.names[key] = self.take(f.name())
-            self.texts[name] = self._written(f, name)  # behind those that it calls
+            self.made[name] = self._written(f, name)  # behind those that it calls
         return self.names[key]
 
     def take(self, name: str) -> str:
@@ -89,7 +90,7 @@ class Functions:
 
     # ---- one function ---------------------------------------------------------------------------
 
-    def _written(self, f: ca.Function, name: str) -> str:
+    def _written(self, f: ca.Function, name: str) -> C:
         kind = f.class_name()
         if kind not in ("SXFunction", "MXFunction", "Map"):
             raise Unsupported(f"{f.name()}: {kind}")
@@ -97,26 +98,19 @@ class Functions:
         self.letters |= {*inputs, *outputs}
         lines = name_locals(self._body(f, kind, inputs, outputs), "", self.taken(f))
         returns = returns_number(f)
-        declared = [
-            f"double {n}" if f.nnz_in(i) == 1 else f"const double {n}[{f.nnz_in(i)}]"
-            for i, n in enumerate(inputs) if n
-        ]  # fmt: skip
+        given = [_parameter("", n, f.nnz_in(i)) for i, n in enumerate(inputs) if n]
         if not returns:
-            declared += [
-                f"double *{n}" if f.nnz_out(i) == 1 else f"double {n}[{f.nnz_out(i)}]"
-                for i, n in enumerate(outputs) if n
-            ]  # fmt: skip
-        text = " ".join(lines)
-        voids = [f"(void){n};" for n in inputs if n and not re.search(rf"\b{re.escape(n)}\b", text)]
-        signature = _signature(f"static {'double' if returns else 'void'} {name}", declared)
+            given += [_parameter("*", n, f.nnz_out(i)) for i, n in enumerate(outputs) if n]
+        used = c.words(lines)
+        unused = [c.mark_unused(n) for n in inputs if n and n not in used]
         what = self.docs.get(f.name())
-        head = [comment(f"{f.name()}: {what}")] if what else []
-        body = [f"    {line}" for line in [*voids, *lines]]
-        return "\n".join([*head, signature, "{", *body, "}"])
+        told = comment(f"{f.name()}: {what}") if what else ""
+        kind = f"static {'double' if returns else 'void'}"
+        return c.function(kind, name, given, [*unused, *lines], told)
 
     def _body(
         self, f: ca.Function, kind: str, inputs: Sequence[str], outputs: Sequence[str]
-    ) -> list[str]:
+    ) -> list[C]:
         if kind == "SXFunction":
             return self._scalar(f, inputs, outputs)
         if kind == "Map":
@@ -142,9 +136,10 @@ class Functions:
         more = self._again(f)
         if more is not None:
             return again_lines(more, self.name(more.once), inputs, outputs[0], self.taken(f))
-        sources = [n if f.nnz_in(i) == 1 else f"{n}[]" for i, n in enumerate(inputs)]
-        made = self.statements(f, sources, outputs)
-        return made
+        sources = [
+            c.name(n) if f.nnz_in(i) == 1 else place(c.name(n), 0) for i, n in enumerate(inputs)
+        ]
+        return self.statements(f, sources, [c.name(n) if n else None for n in outputs])
 
     def _again(self, f: ca.Function) -> Again | None:
         """What a Function does again and again; looked at once."""
@@ -153,72 +148,63 @@ class Functions:
             self.repeats[key] = f, find_while_loop(f, self.branches, self._again)
         return self.repeats[key][1]
 
-    def _scalar(self, f: ca.Function, inputs: Sequence[str], outputs: Sequence[str]) -> list[str]:
+    def _scalar(self, f: ca.Function, inputs: Sequence[str], outputs: Sequence[str]) -> list[C]:
         if any(not f.sparsity_out(i).is_dense() and f.nnz_out(i) == 0 for i in range(f.n_out())):
             raise Unsupported("empty result")
-        single = [f.nnz_in(i) == 1 for i in range(f.n_in())]
-        returns = returns_number(f)
+
+        def at(name: str, n: int, k: int) -> C:
+            return c.name(name) if n == 1 else c.index(c.name(name), k)
+
         inner, names = with_inside(f, {*inputs, *outputs, *self.taken(f)})
         self.letters |= set(names.values())
         writer = Writer(
-            inner, lambda i, k: inputs[i] if single[i] else f"{inputs[i]}[{k}]", names,
-            shown=f.n_out(), modest=True,
-        ).run()  # fmt: skip
+            inner, lambda i, k: at(inputs[i], f.nnz_in(i), k), names, shown=f.n_out(), modest=True
+        ).run()
         self.helpers |= set(writer.helpers)
         lines = list(writer.lines)
         for (i, k), node in writer.results:
-            text = writer.result(node)
-            if returns:
-                lines.append(f"return {text};")
-            else:
-                to = f"*{outputs[i]}" if f.nnz_out(i) == 1 else f"{outputs[i]}[{k}]"
-                lines.append(f"{to} = {text};")
+            to, made = at(outputs[i], f.nnz_out(i), k), writer.result(node)
+            to = c.value_at(to) if f.nnz_out(i) == 1 else to
+            lines.append(c.give(made) if returns_number(f) else c.assign(to, made))
         return roll_lines(lines, {*inputs, *outputs})
 
     def _loop(
         self, inner: ca.Function, n: int, inputs: Sequence[str], outputs: Sequence[str],
         kept: int, whole: Set[int] = frozenset(),
-    ) -> list[str]:  # fmt: skip
+    ) -> list[C]:  # fmt: skip
         """N calls, each with its columns; with ``kept`` the first result goes on as argument.
 
         An argument that is in ``whole`` is the same in each of them.
         """
-        lines: list[str] = []
-        arguments, results = [], []
+        lines: list[C] = []
+        arguments: list[C] = []
+        now = c.name("now")
         for i, name in enumerate(inputs):
             size = inner.nnz_in(i)
             if not size:
-                arguments.append("")
-            elif i < kept:
-                lines.append(f"const double *now = {'&' * (size == 1)}{name};")
-                arguments.append("*now" if size == 1 else "now")
-            elif i in whole:
-                arguments.append(name)
+                continue
+            if i < kept:
+                start = c.address(c.name(name)) if size == 1 else c.name(name)
+                lines.append(c.declare("const double", c.value_at(now), start))
+                arguments.append(c.value_at(now) if size == 1 else now)
             else:
-                arguments.append(f"{name}[i]" if size == 1 else f"&{name}[{size} * i]")
-        for i, name in enumerate(outputs):
-            size = inner.nnz_out(i)
-            results.append(
-                "" if not size else f"{name}[i]" if size == 1 else f"&{name}[{size} * i]"
-            )
-        call = self.name(inner)
+                arguments.append(c.name(name) if i in whole else column(name, size))
+        sizes = [inner.nnz_out(i) for i in range(len(outputs))]
+        results = [column(n, size) for n, size in zip(outputs, sizes, strict=True) if size]
+        called = self.name(inner)
         if returns_number(inner):
-            body = (
-                f"{next(r for r in results if r)} = {call}({', '.join(a for a in arguments if a)});"
-            )
+            body = [c.assign(results[0], c.call(called, arguments))]
         else:
-            given = [r if r.startswith("&") else f"&{r}" for r in results if r]
-            body = f"{call}({', '.join([a for a in arguments if a] + given)});"
-        lines += [f"for (int i = 0; i < {n}; ++i) {{", f"    {body}"]
+            given = [c.pointer(r) for r in results]
+            body = [c.do(c.call(called, [*arguments, *given]))]
         if kept:
-            size = inner.nnz_out(0)
-            lines.append(f"    now = &{outputs[0]}[{f'{size} * ' if size > 1 else ''}i];")
-        return [*lines, "}"]
+            body.append(c.assign(now, c.pointer(column(outputs[0], sizes[0]))))
+        return [*lines, c.loop(n, body)]
 
     def _chain(
         self, f: ca.Function, inner: ca.Function, n: int, inputs: Sequence[str],
         outputs: Sequence[str],
-    ) -> list[str]:  # fmt: skip
+    ) -> list[C]:  # fmt: skip
         """Calls one after the other, each with what the one before gave, in two arrays by turns.
 
         A chain of chains is one: CasADi nests a long one by tens.
@@ -226,164 +212,139 @@ class Functions:
         while (deeper := call_chain(inner)) is not None:
             inner, n = deeper[0], n * deeper[1]
         taken = {*self.taken(f), *inputs, *outputs}
-        now, to, other = (free_name(word, taken) for word in ("before", "to", "between"))
+        now, to, other = (free_name(w, taken) for w in ("before", "to", "between"))
         given = ", ".join([now, *(x for x in inputs[1:] if x), to])
-        return [
-            f"double {other}[{f.nnz_out(0)}];",
-            f"for (int i = 0; i < {f.nnz_out(0)}; ++i) {{",
-            f"    {other}[i] = 0.0;",
-            "}",
-            f"const double *{now} = {inputs[0]};",
-            f"for (int i = 0; i < {n}; ++i) {{",
-            f"    double *const {to} = ((i % 2) == {(n - 1) % 2}) ? {outputs[0]} : {other};",
-            f"    {self.name(inner)}({given});",
-            f"    {now} = {to};",
-            "}",
-        ]
+        size = f.nnz_out(0)
+        return code(
+            f"double {other}[{size}];"
+            f"for (int i = 0; i < {size}; ++i) {{ {other}[i] = 0.0; }}"
+            f"const double *{now} = {inputs[0]};"
+            f"for (int i = 0; i < {n}; ++i) {{"
+            f" double *const {to} = ((i % 2) == {(n - 1) % 2}) ? {outputs[0]} : {other};"
+            f" {self.name(inner)}({given}); {now} = {to}; }}"
+        )
 
     def _sums(
         self, f: ca.Function, found: Sums, inputs: Sequence[str], outputs: Sequence[str]
-    ) -> list[str]:
+    ) -> list[C]:
         """Sums of what each evaluation of a map gives, without an array of all of it."""
         inner, taken = found.inner, {*self.taken(f), *inputs, *outputs}
-        lines: list[str] = []
-        arguments, results, body = [], [], []
-        for i, source in enumerate(found.sources):
-            size, whole = inner.nnz_in(i), f.nnz_in(source)
-            if not size:
-                continue
-            name = inputs[source]
-            if whole == size:
-                arguments.append(name)
-            else:
-                arguments.append(f"{name}[i]" if size == 1 else f"&{name}[{size} * i]")
+        given = [
+            c.name(inputs[s]) if f.nnz_in(s) == size else column(inputs[s], size)
+            for i, s in enumerate(found.sources) if (size := inner.nnz_in(i))
+        ]  # fmt: skip
+        before, declared, after = list[C](), list[C](), list[C]()
         for k, name in enumerate(outputs):
-            size = f.nnz_out(k)
-            one = free_name(f"{result_name(inner, k) or 'term'}_one", taken)
+            size, one = f.nnz_out(k), free_name(f"{result_name(inner, k) or 'term'}_one", taken)
             taken.add(one)
-            body.append(f"double {one}{f'[{size}]' if size > 1 else ''};")
-            results.append(one if size > 1 else f"&{one}")
-            if size == 1:
-                lines.append(f"*{name} = 0.0;")
-            else:
-                lines += [f"for (int j = 0; j < {size}; ++j) {{", f"    {name}[j] = 0.0;", "}"]
-        body.append(call_statement(f"{self.name(inner)}(", [*arguments, *results]))
-        for k, name in enumerate(outputs):
-            size, one = f.nnz_out(k), results[k].removeprefix("&")
-            if size == 1:
-                body.append(f"*{name} += {one};")
-            else:
-                body += [f"for (int j = 0; j < {size}; ++j) {{",
-                         f"    {name}[j] += {one}[j];", "}"]  # fmt: skip
-        lines.append(f"for (int i = 0; i < {found.count}; ++i) {{")
-        return [*lines, *(f"    {line}" for line in body), "}"]
+            declared.append(c.declare("double", one, size=size))
+            given.append(c.name(one) if size > 1 else c.address(c.name(one)))
+            before += code(
+                f"*{name} = 0.0;" if size == 1
+                else f"for (int j = 0; j < {size}; ++j) {{ {name}[j] = 0.0; }}"
+            )  # fmt: skip
+            after += code(
+                f"*{name} += {one};" if size == 1
+                else f"for (int j = 0; j < {size}; ++j) {{ {name}[j] += {one}[j]; }}"
+            )  # fmt: skip
+        called = c.do(c.call(self.name(inner), given))
+        return [*before, c.loop(found.count, [*declared, called, *after])]
 
     # ---- statements of an MX Function -----------------------------------------------------------
 
     def statements(
         self,
         f: ca.Function,
-        sources: Sequence[str],
-        outputs: Sequence[str],
+        sources: Sequence[C],
+        outputs: Sequence[C | None],
         count: Iterator[int] | None = None,
         can_be: Callable[[int, int], int] = lambda i, k: ANY,
         hidden: int | None = None,
         names: Mapping[int, str] | None = None,
-    ) -> list[str]:
+    ) -> list[C]:
         """Statements that give the results of an MX Function to C variables.
 
         Args:
             f: the Function.
-            sources: by argument, text of the scalar, or of the array with ``[]`` behind.
-            outputs: by result, name of the argument by whose address it is given.
+            sources: by argument, the scalar, or the vector in its array.
+            outputs: by result, what it is given to: the argument with its address, or a member.
             count: numbers of names.
             can_be: what a scalar argument can be.
             hidden: results from here on are only told for their names.
             names: names of results.
         """
-        targets = {i: n for i, n in enumerate(outputs) if n and f.nnz_out(i) > 1}
+        targets = {i: to for i, to in enumerate(outputs) if to and f.nnz_out(i) > 1}
+        own = {w for to in outputs if to for w in [to.text] if to.kind == "name"}
+        own |= {w for v in sources for w in [v.base.text]}
         made = Arrays(
-            f,
-            sources,
-            self._call,
-            names,
-            targets,
-            count,
-            can_be,
-            hidden,
-            {*self.taken(f), *(x.removesuffix("[]") for x in (*sources, *outputs))},
+            f, sources, self._call, names, targets, count, can_be, hidden, {*self.taken(f), *own}
         ).run()
         self.helpers |= made.helpers
         lines = made.lines
         returns = hidden is None and returns_number(f)
-        for i, name in enumerate(outputs):
+        for i, to in enumerate(outputs):
             node = made.outputs[i]
-            if node < 0 or not name:
+            if node < 0 or not to:
                 continue
-            n = f.nnz_out(i)
-            text = made._real(made.texts[node])
+            n, given = f.nnz_out(i), made._real(made.values[node])
             if n == 1:
-                to = name if "->" in name or "." in name else f"*{name}"
-                text = element_text(text, 0)
-                lines.append(f"return {text};" if returns else f"{to} = {text};")
-            elif text != f"{name}[@]":
-                lines += loop(n, f"{name}[{AT}] = {text};")
-        own = {x.removesuffix("[]") for x in (*sources, *outputs) if x}
+                given = element(given, 0)
+                to = c.value_at(to) if to.kind == "name" else to
+                lines.append(c.give(given) if returns else c.assign(to, given))
+            elif given != c.index(to, AT):
+                lines += loop(n, c.assign(place(to, 0), given))
         return roll_calls(hand_results(lines), self.taken(f) | own)
 
     def _call(
-        self, at: Arrays, g: ca.Function, arguments: Sequence[str], results: Sequence[str]
-    ) -> None:
+        self, at: Arrays, g: ca.Function, arguments: Sequence[C | None],
+        results: Sequence[C | None],
+    ) -> None:  # fmt: skip
         """Write a call: a branch, a running sum, or that of a function."""
         if is_running_sum(g) and results[0]:
             total = free_name("total", at.taken)
             at.taken.add(total)
-            given = arguments[1].removeprefix("&")
-            element = re.sub(r"\[(\d+)\]$", r"[\1 + i]", given)
-            element += "" if element != given else "[i]"
-            at.lines += [
-                f"double {total} = {arguments[0]};",
-                f"for (int i = 0; i < {g.nnz_out(0)}; ++i) {{",
-                f"    {total} += {element};",
-                f"    {results[0]}[i] = {total};",
-                "}",
-            ]
+            start, given, i = arguments[0], arguments[1], c.name("i")
+            assert start is not None
+            assert given is not None
+            summed = given if given.kind != "unary" else given.parts[0]
+            summed = c.index(summed, i) if summed.kind != "index" else c.index(
+                summed.parts[0], c.op(summed.parts[1], "+", i))  # fmt: skip
+            body = [c.assign(c.name(total), summed, "+="),
+                    c.assign(c.index(results[0], i), c.name(total))]  # fmt: skip
+            at.lines += [c.declare("double", total, start), c.loop(g.nnz_out(0), body)]
             return
         chosen = self.branches(g)
         if chosen is None:
             self._plain(at, g, arguments, results, True)
             return
-        for n, r in enumerate(results):
-            if r and g.nnz_out(n) == 1:
-                at.lines.append(f"double {r};")
-        lines, at.lines = at.lines, []
-        lines.append(f"if ({at.asked}) {{")
-        for f, after in zip(chosen, ("} else {", "}"), strict=True):
+        at.lines += [
+            c.declare("double", r) for n, r in enumerate(results) if r and g.nnz_out(n) == 1
+        ]
+        before, bodies = at.lines, []
+        for f in chosen:
+            at.lines = []
             kept = stays(f)
             if kept >= 0 and results[0]:
-                n = f.nnz_out(0)
-                at.lines += [
-                    f"{results[0]} = {arguments[1 + kept]};" if n == 1
-                    else f"copy({results[0]}, {arguments[1 + kept]}, {n});"
-                ]  # fmt: skip
+                n, given = f.nnz_out(0), arguments[1 + kept]
+                assert given is not None
+                copied = c.do(c.call("copy", [results[0], given, c.integer(n)]))
+                at.lines.append(c.assign(results[0], given) if n == 1 else copied)
             else:
                 self._plain(at, f, arguments[1:], results, False)
-            lines += [f"    {line}" for line in at.lines]
-            at.lines = []
-            lines.append(after)
-        at.lines = lines
+            bodies.append(at.lines)
+        at.lines = [*before, c.branch(at.asked, bodies[0], bodies[1])]
 
     def _plain(
-        self, at: Arrays, g: ca.Function, arguments: Sequence[str], results: Sequence[str],
-        declare: bool,
+        self, at: Arrays, g: ca.Function, arguments: Sequence[C | None],
+        results: Sequence[C | None], declare: bool,
     ) -> None:  # fmt: skip
-        name = self.name(g)
-        given = [a for a in arguments if a]
+        called, given = self.name(g), [a for a in arguments if a]
         if returns_number(g):
             (result,) = (r for n, r in enumerate(results) if g.nnz_out(n))
-            what = "const double " if declare else ""
+            made = c.call(called, given)
             if result:
-                at.lines.append(f"{what}{result} = {name}({', '.join(given)});")
+                at.lines.append(c.declare("const double", result, made) if declare
+                                else c.assign(result, made))  # fmt: skip
             return
         passed = []
         for n, r in enumerate(results):
@@ -391,12 +352,12 @@ class Functions:
             if not size:
                 continue
             if not r:
-                r = f"unused{next(at.count)}"
-                at.lines.append(f"double {r}{f'[{size}]' if size > 1 else ''};")
+                r = c.name(f"unused{next(at.count)}")
+                at.lines.append(c.declare("double", r, size=size))
             elif declare and size == 1:
-                at.lines.append(f"double {r};")
-            passed.append(r if size > 1 else f"&{r}")
-        at.lines.append(call_statement(f"{name}(", [*given, *passed]))
+                at.lines.append(c.declare("double", r))
+            passed.append(r if size > 1 else c.address(r))
+        at.lines.append(c.do(c.call(called, [*given, *passed])))
 
 
 def returns_number(f: ca.Function) -> bool:
@@ -404,16 +365,19 @@ def returns_number(f: ca.Function) -> bool:
     return sum(f.nnz_out(i) for i in range(f.n_out())) == 1
 
 
-def _signature(opening: str, declared: Sequence[str]) -> str:
-    lines, line = [], f"{opening}("
-    indent = " " * len(line)
-    for k, text in enumerate(declared):
-        piece = text + (")" if k == len(declared) - 1 else ", ")
-        if len(line) + len(piece) > WIDTH:
-            lines.append(line.rstrip())
-            line = indent
-        line += piece
-    return "\n".join([*lines, line])
+def column(array: str, size: int, by: str = "i") -> C:
+    """A column of an array in a loop: the number, or the address of the first one."""
+    at = c.name(by)
+    if size == 1:
+        return c.index(c.name(array), at)
+    return c.address(c.index(c.name(array), c.op(c.integer(size), "*", at)))
+
+
+def _parameter(pointer: str, name: str, size: int) -> C:
+    """Parameter of a function: a number, an array; what it gives by address."""
+    kind = "double" if size == 1 or pointer else "const double"
+    named = c.value_at(c.name(name)) if pointer and size == 1 else c.name(name)
+    return c.declare(kind, named, size=size)
 
 
 def _names(f: ca.Function, taken: set[str]) -> tuple[list[str], list[str]]:
@@ -422,9 +386,8 @@ def _names(f: ca.Function, taken: set[str]) -> tuple[list[str], list[str]]:
     used = set(taken)
 
     def free(name: str) -> str:
-        name = re.sub(r"\W", "_", name)
-        name = name if re.match("[A-Za-z]", name) else f"x_{name}"
-        found = free_name(name, used)
+        name = word(name)
+        found = free_name(name if name[:1].isalpha() else f"x_{name}", used)
         used.add(found)
         return found
 

@@ -227,12 +227,18 @@ def _nonzeros(args: tuple[int, ...], size: int, mx: ca.MX) -> Step:
     return Step(CHOSEN, args, size=size, detail=taken)
 
 
+def word(name: str) -> str:
+    """A name with an underscore for what no name of C has."""
+    return "".join(x if x.isalnum() or x == "_" else "_" for x in name)
+
+
 def free_name(name: str, taken: set[str]) -> str:
     """A name that is not taken: itself, or with a number behind.
 
     Names like ``a1`` are those of counted locals, so a model's ``a1`` is written ``a_1``.
     """
-    name = re.sub(r"^([akr])(\d+)$", r"\1_\2", name)
+    if name[:1] in ("a", "k", "r") and name[1:].isdecimal():
+        name = f"{name[0]}_{name[1:]}"
     others = (f"{name}_{k}" for k in itertools.count(2))
     return next(n for n in itertools.chain([name], others) if n not in taken)
 
@@ -246,16 +252,28 @@ def argument_names(f: ca.Function) -> list[str]:
         own = [_common(v, f.name_in(i)) for i, v in enumerate(f.sx_in())]
     else:
         own = [f.name_in(i) for i in range(f.n_in())]
-    return ["" if re.fullmatch(r"i\d+(_\d+)?", n) else re.sub(r"\W", "_", n) for n in own]
+    return ["" if _counted(n, "i") else word(n) for n in own]
+
+
+def _counted(name: str, letter: str) -> bool:
+    """Whether CasADi has made it: a letter and a number, and maybe a second one."""
+    numbers = name[1:].split("_")
+    return name[:1] == letter and len(numbers) < 3 and all(n.isdecimal() for n in numbers)
 
 
 def result_name(f: ca.Function, n: int) -> str:
     """Name that a Function gives a result; "" for o0, o1, ... of CasADi."""
     name = str(f.name_out(n))
-    return "" if re.fullmatch(r"o\d+", name) else name
+    return "" if name[:1] == "o" and name[1:].isdecimal() else name
+
+
+def stem(name: str) -> str:
+    """What an element was named after: a name without the number behind it."""
+    base, _, number = name.rpartition("_")
+    return base if base and number.isdecimal() else name
 
 
 def _common(v: ca.SX, otherwise: str) -> str:
     single = [v.nz[k] for k in range(v.nnz())]
-    names = {re.sub(r"_\d+$", "", e.name()) for e in single if e.is_symbolic()}
+    names = {stem(e.name()) for e in single if e.is_symbolic()}
     return names.pop() if len(names) == 1 else otherwise

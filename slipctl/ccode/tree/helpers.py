@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+from slipctl.ccode.tree.nodes import Node
+from slipctl.ccode.tree.parser import code
+
 HELPERS = {
     "square": "static double square(double x)\n{\n    return x * x;\n}\n",
     "lesser": (
@@ -84,6 +87,6 @@ HELPERS = {
 """Functions that the expressions may call beside those of math.h."""
 
 
-def helper_text(names: Collection[str]) -> str:
+def helpers(names: Collection[str]) -> list[Node]:
     """Definitions of helper functions, in a fixed order."""
-    return "\n".join(text for name, text in HELPERS.items() if name in names)
+    return [n for name, text in HELPERS.items() if name in names for n in code(text)]

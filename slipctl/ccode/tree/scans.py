@@ -7,7 +7,6 @@ these are columns, one further in each call, what the call before gave, or alway
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -27,7 +26,8 @@ from slipctl.ccode.tree.graph import (
     taken_apart,
 )
 from slipctl.ccode.tree.loops import map_body, shared_columns
-from slipctl.ccode.tree.statements import call_statement
+from slipctl.ccode.tree.nodes import Node as C
+from slipctl.ccode.tree.parser import code
 
 LEAST = 3
 """Calls from which on they are a loop."""
@@ -263,7 +263,7 @@ def _narrow(
     chosen = {i: a for i, a in spread.items() if 0 < size(nodes[a]) == sizes.get(i)}
     if not chosen:
         return g, args
-    names = [re.sub(r"\W", "_", n) or g.name_in(i) for i, n in enumerate(argument_names(g))]
+    names = [n or g.name_in(i) for i, n in enumerate(argument_names(g))]
     symbols = [
         ca.MX.sym(n, sizes[i]) if i in chosen else ca.MX.sym(n, g.sparsity_in(i))
         for i, n in enumerate(names)
@@ -291,7 +291,7 @@ def _columns(g: ca.Function) -> dict[int, int]:
 def scan_lines(
     found: Scan, name: str, inputs: Sequence[str], outputs: Sequence[str], taken: set[str],
     returns: bool,
-) -> list[str]:  # fmt: skip
+) -> list[C]:  # fmt: skip
     """Statements of a Function over stages.
 
     Args:
@@ -304,15 +304,15 @@ def scan_lines(
     made = _Stages(found, inputs, outputs, taken)
     given = [text for i in range(found.inner.n_in()) if (text := made.argument(i))]
     results = [text for r in range(found.inner.n_out()) if (text := made.result(r))]
-    call = call_statement(f"{name}(", [*given, *results])
+    call = f"{name}({', '.join([*given, *results])});"
     if returns:
         call = f"{results[0].removeprefix('&')} = {name}({', '.join(given)});"
     at, last = made.at, found.count - 1
     head = f"int {at} = 0; {at} < {found.count}; ++{at}"
     if found.backward:
         head = f"int {at} = {last}; {at} >= 0; --{at}"
-    body = [*made.first, call, *made.then]
-    return [*made.ahead, f"for ({head}) {{", *(f"    {x}" for x in body), "}", *made.behind]
+    body = "".join([*made.first, call, *made.then])
+    return code(f"{''.join(made.ahead)} for ({head}) {{ {body} }} {''.join(made.behind)}")
 
 
 class _Stages:

@@ -8,15 +8,17 @@ What is left (maps, long folds, solvers, tables) is a call of CasADi's own text.
 from __future__ import annotations
 
 import itertools
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
 
-from slipctl.ccode.module.comments import comment
+from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import ANY, FINITE, Unsupported, Writer
+from slipctl.ccode.tree.nodes import Node
+from slipctl.ccode.tree.parser import code
+from slipctl.ccode.tree.vectors import is_place
 
 INLINE = 600
 """Operations up to which an MX Function is written as expressions where it is called."""
@@ -165,7 +167,7 @@ class Statements:
     def __init__(
         self,
         f: ca.Function,
-        read: Callable[[int, int], str],
+        read: Callable[[int, int], Node],
         outside: Outside,
         branches: Callable[[ca.Function], tuple[ca.Function, ca.Function] | None],
         names: Mapping[tuple[int, int], str] | None = None,
@@ -177,7 +179,7 @@ class Statements:
         self.outside, self.branches, self.docs = outside, branches, dict(docs or {})
         self.count = itertools.count(1) if count is None else count
         self._read = read
-        self._done: dict[int, list[str]] = {}  # call -> name of each of its results
+        self._done: dict[int, list[Node | None]] = {}  # call -> name of each of its results
         first = self.flat.first_result
         shifted = {(first + i, k): name for (i, k), name in (names or {}).items()}
         self.writer = Writer(
@@ -190,11 +192,11 @@ class Statements:
         self.helpers |= self.writer.helpers
 
     @property
-    def lines(self) -> list[str]:
+    def lines(self) -> list[Node]:
         """The statements."""
         return self.writer.lines
 
-    def result(self, i: int, k: int) -> str:
+    def result(self, i: int, k: int) -> Node:
         """C expression of a result."""
         return self.writer.result(self.at[self.flat.first_result + i, k])
 
@@ -202,7 +204,7 @@ class Statements:
         """Whether a result is always a finite number."""
         return self.writer.can_be[self.at[self.flat.first_result + i, k]] == FINITE
 
-    def _value(self, i: int, k: int) -> str:
+    def _value(self, i: int, k: int) -> Node:
         if i < self.flat.arguments:
             return self._read(i, k)
         number = max(n for n, c in enumerate(self.flat.calls) if c.first_result <= i)
@@ -210,13 +212,14 @@ class Statements:
         if number not in self._done:
             self._done[number] = self._emit(call)
         name = self._done[number][i - call.first_result]
-        return f"{name}[{k}]" if call.function.numel_out(i - call.first_result) > 1 else name
+        assert name is not None
+        return c.index(name, k) if call.function.numel_out(i - call.first_result) > 1 else name
 
     def _argument(self, call: Call, i: int) -> list[int]:
         """Nodes of an argument of a call."""
         n = call.function.numel_in(i)
         nodes = [self.at[call.first_argument + i, k] for k in range(n)]
-        if any(k not in self.writer.texts for k in nodes):
+        if any(k not in self.writer.values for k in nodes):
             raise Unsupported(f"{call.function.name()}: arguments come after results")
         return nodes
 
@@ -227,75 +230,72 @@ class Statements:
 
     # ---- branches and calls ---------------------------------------------------------------------
 
-    def _emit(self, call: Call) -> list[str]:
+    def _emit(self, call: Call) -> list[Node | None]:
         chosen = self.branches(call.function)
         if chosen is not None:
             return self._branch(call, chosen)
         return self._outside(call)
 
-    def _branch(self, call: Call, chosen: tuple[ca.Function, ca.Function]) -> list[str]:
+    def _declared(self, call: Call, letter: str) -> list[Node | None]:
+        """Names of the results that are used."""
+        return [c.name(f"{letter}{next(self.count)}") if u else None for u in self._used(call)]
+
+    def _declare(self, call: Call, names: Sequence[Node | None]) -> None:
+        self.writer.lines += [
+            c.declare("double", n, size=call.function.numel_out(i))
+            for i, n in enumerate(names) if n
+        ]  # fmt: skip
+
+    def _branch(self, call: Call, chosen: tuple[ca.Function, ca.Function]) -> list[Node | None]:
         """Write an if_else Function as if and else."""
         arguments = [self._argument(call, i) for i in range(1, call.function.n_in())]
-        used = self._used(call)
-        parts = []
-        for f in (_only(f, used) for f in chosen):
-            parts.append(
-                Statements(
-                    f, lambda i, k: self.writer.atom(arguments[i][k]), self.outside, self.branches,
-                    docs=self.docs, count=self.count,
-                    can_be=lambda i, k: self.writer.can_be[arguments[i][k]],
-                )
-            )  # fmt: skip
-        names = [f"b{next(self.count)}" if u else "" for u in used]
+        parts = [
+            Statements(
+                _only(f, self._used(call)), lambda i, k: self.writer.atom(arguments[i][k]),
+                self.outside, self.branches, docs=self.docs, count=self.count,
+                can_be=lambda i, k: self.writer.can_be[arguments[i][k]],
+            )
+            for f in chosen
+        ]  # fmt: skip
+        names = self._declared(call, "b")
         condition = self.writer.condition(self._argument(call, 0)[0])
-        lines = self.writer.lines
-        for i, name in enumerate(names):
-            n = call.function.numel_out(i)
-            if name:
-                lines.append(f"double {name}{f'[{n}]' if n > 1 else ''};")
-        for part, opening in zip(parts, (f"if ({condition}) {{", "} else {"), strict=True):
-            lines.append(opening)
-            lines += [f"    {line}" for line in self._told(part.flat.source)]
+        self._declare(call, names)
+        bodies = []
+        for part in parts:
             self.helpers |= part.helpers
-            body = list(part.lines)
-            given = [(name, call.function.numel_out(i)) for i, name in enumerate(names) if name]
-            for i, (name, n) in enumerate(given):
-                body += assign(name, [part.result(i, k) for k in range(n)], n > 1)
-            lines += [f"    {line}" for line in body]
-        lines.append("}")
+            given = [(n, call.function.numel_out(i)) for i, n in enumerate(names) if n]
+            values = [
+                line for i, (n, size) in enumerate(given)
+                for line in assign(n, [part.result(i, k) for k in range(size)], size > 1)
+            ]  # fmt: skip
+            bodies.append([*self._told(part.flat.source), *part.lines, *values])
+        self.writer.lines.append(c.branch(condition, bodies[0], bodies[1]))
         return names
 
-    def _told(self, f: ca.Function) -> list[str]:
+    def _told(self, f: ca.Function) -> list[Node]:
         """Comments on the Functions that a branch evaluates."""
         inside = dict.fromkeys(g.name() for g in (f, *f.find_functions()))
-        return [comment(f"{n}: {self.docs[n]}") for n in inside if n in self.docs]
+        return [c.remark(f"{n}: {self.docs[n]}") for n in inside if n in self.docs]
 
-    def _outside(self, call: Call) -> list[str]:
-        """Call CasADi's text."""
-        f = call.function
-        name = self.outside.name(f)
-        lines = self.writer.lines
-        used = self._used(call)
-        results = [f"r{next(self.count)}" if u else "" for u in used]
+    def _outside(self, call: Call) -> list[Node | None]:
+        """Call CasADi's C."""
+        f, lines = call.function, self.writer.lines
+        name, results = self.outside.name(f), self._declared(call, "r")
         pointers = []
         for i in range(f.n_in()):
-            texts = [self.writer.atom(k) for k in self._argument(call, i)]
-            pointer = address(texts)
+            values = [self.writer.atom(k) for k in self._argument(call, i)]
+            pointer = address(values)
             if pointer is None:
-                pointer = f"c{next(self.count)}"
-                lines.append(f"double {pointer}[{len(texts)}];")
-                lines += assign(pointer, texts, True)
+                pointer = c.name(f"c{next(self.count)}")
+                lines.append(c.declare("double", c.index(pointer, len(values))))
+                lines += assign(pointer, values, True)
             pointers.append(pointer)
+        self._declare(call, results)
+        lines += [c.assign(c.index(c.name("arg"), i), p) for i, p in enumerate(pointers)]
         for i, r in enumerate(results):
-            n = f.numel_out(i)
-            if r:
-                lines.append(f"double {r}{f'[{n}]' if n > 1 else ''};")
-        lines += [f"arg[{i}] = {p};" for i, p in enumerate(pointers)]
-        for i, r in enumerate(results):
-            place = "NULL" if not r else r if f.numel_out(i) > 1 else f"&{r}"
-            lines.append(f"res[{i}] = {place};")
-        text = f"{name}(arg, res, WORK_IW_, WORK_W_, 0)"
-        lines += [f"if ({text} != 0) {{", "    failed = 1;", "}"]
+            to = c.name("NULL") if r is None else r if f.numel_out(i) > 1 else c.address(r)
+            lines.append(c.assign(c.index(c.name("res"), i), to))
+        lines += code(f"if ({name}(arg, res, WORK_IW_, WORK_W_, 0) != 0) {{ failed = 1; }}")
         return results
 
 
@@ -309,48 +309,44 @@ def _only(f: ca.Function, used: Sequence[bool]) -> ca.Function:
     return ca.Function(f.name(), symbols, chosen)
 
 
-def assign(name: str, texts: Sequence[str], array: bool) -> list[str]:
+def assign(to: Node, values: Sequence[Node], array: bool) -> list[Node]:
     """Statements that give values to a variable or to an array."""
-    if not texts:
+    if not values:
         return []
     if not array:
-        return [f"{name} = {texts[0]};"]
-    run = _run(texts)
-    if run is not None and len(texts) > 2:
-        return [f"copy({name}, {run}, {len(texts)});"]
-    return [f"{name}[{k}] = {text};" for k, text in enumerate(texts)]
+        return [c.assign(to, values[0])]
+    run = _run(values)
+    if run is not None and len(values) > 2:
+        return [c.do(c.call("copy", [to, run, c.integer(len(values))]))]
+    return [c.assign(c.index(to, k), v) for k, v in enumerate(values)]
 
 
-def address(texts: Sequence[str]) -> str | None:
+def address(values: Sequence[Node]) -> Node | None:
     """Address of values that lie side by side in memory; None if they do not."""
-    if not texts:
-        return "NULL"
-    run = _run(texts)
-    if run is not None:
-        return run
-    if len(texts) == 1 and re.fullmatch(r"[A-Za-z_][\w.]*(->[\w.]+)?", texts[0]):
-        return f"&{texts[0]}"
-    return None
+    if not values:
+        return c.name("NULL")
+    run = _run(values)
+    if run is None and len(values) == 1 and is_place(values[0]):
+        return c.address(values[0])
+    return run
 
 
-def _run(texts: Sequence[str]) -> str | None:
-    first = re.fullmatch(r"([A-Za-z_][\w.]*(?:->[\w.]+)?)\[(\d+)\]", texts[0])
-    if first is None:
+def _run(values: Sequence[Node]) -> Node | None:
+    first = values[0]
+    if first.kind != "index" or not is_place(first.parts[0]) or first.parts[1].kind != "number":
         return None
-    base, offset = first[1], int(first[2])
-    if any(text != f"{base}[{offset + k}]" for k, text in enumerate(texts)):
-        return None
-    return base if not offset else f"&{base}[{offset}]"
+    base, offset = first.parts[0], int(first.parts[1].head)
+    same = all(v == c.index(base, offset + k) for k, v in enumerate(values))
+    return c.address(first) if same else None
 
 
-def drop_unused(lines: Sequence[str], rest: Sequence[str]) -> list[str]:
+def drop_unused(lines: Sequence[Node], rest: Sequence[Node]) -> list[Node]:
     """Leave out constants that nothing uses after them."""
-    used = set(re.findall(r"[A-Za-z_]\w*", " ".join(rest)))
-    kept: list[str] = []
+    used = c.words(rest)
+    kept: list[Node] = []
     for line in reversed(lines):
-        made = re.match(r"\s*const \w+ (\w+) = ", line)
-        if made and made[1] not in used:
-            continue
-        used |= set(re.findall(r"[A-Za-z_]\w*", line))
-        kept.append(line)
+        made = c.target(line) if line.kind == "declare" and line.head.startswith("const ") else None
+        if made is None or made.base.head in used:
+            used |= line.words
+            kept.append(line)
     return kept[::-1]

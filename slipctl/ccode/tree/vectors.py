@@ -1,51 +1,88 @@
-"""Text of vectors in C: which elements of which array they are, and loops over them."""
+"""Vectors in C: which elements of which array they are, and loops over them."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+import operator
+from collections.abc import Callable, Iterable, Sequence
 
-from slipctl.ccode.module.comments import WIDTH
+from slipctl.ccode.tree import nodes as c
+from slipctl.ccode.tree.nodes import Node
 
-AT = "@"
-"""Stands for the index of the element in the text of a vector."""
+AT = c.name("@")
+"""Stands for the index of the element in the C of a vector."""
 
-
-def element_text(text: str, k: int | str) -> str:
-    """Text of one element of a vector: number k, or that of a loop."""
-
-    def index(m: re.Match[str]) -> str:
-        inside = m[1].replace(AT, str(k))
-        return f"[{_computed(inside)}]"
-
-    return re.sub(r"\[([^\[\]]*@[^\[\]]*)\]", index, text).replace(AT, str(k))
+_WORKED_OUT: dict[str, Callable[[int, int], int]] = {
+    "+": operator.add, "*": operator.mul, "/": operator.floordiv, "%": operator.mod,
+}  # fmt: skip
 
 
-def _computed(index: str) -> str:
-    """An index of numbers alone, worked out."""
-    if re.fullmatch(r"[\d +*%/()]+", index):
-        return str(eval(index.replace("/", "//"), {"__builtins__": {}}))
-    return re.sub(r"\b0 \+ ", "", index)
+def element(vector: Node, k: int | Node) -> Node:
+    """One element of a vector: number k, or that of a loop."""
+    at = c.integer(k) if isinstance(k, int) else k
+    if AT.head not in vector.words:
+        return vector
+
+    def rule(n: Node) -> Node | None:
+        if n.kind == "index" and AT.head in n.parts[1].words:
+            return c.index(element(n.parts[0], at), _computed(n.parts[1].swap({AT.head: at})))
+        return at if n == AT else None
+
+    return vector.change(rule)
 
 
-def place(base: str, offset: int, stride: int = 1) -> str:
-    """Text of the element of a vector that lies in an array."""
-    step = AT if stride == 1 else f"{stride} * {AT}"
-    return f"{base}[{offset} + {step}]" if offset else f"{base}[{step}]"
+def _computed(index: Node) -> Node:
+    """An index, with what is of numbers alone worked out if that is all of it."""
+    value = _value(index)
+    if value is not None:
+        return c.integer(value)
+
+    def rule(n: Node) -> Node | None:
+        begins = n.kind == "op" and n.head == "+" and n.parts[0] == c.ZERO
+        return n.parts[1].change(rule) if begins else None
+
+    return index.change(rule)
 
 
-def array_and_offset(text: str) -> tuple[str, int] | None:
+def _value(n: Node) -> int | None:
+    if n.kind == "number":
+        return int(n.head)
+    values = [_value(p) for p in n.parts]
+    if n.kind == "paren":
+        return values[0]
+    if n.kind != "op" or None in values:
+        return None
+    return _WORKED_OUT[n.head](*values)  # type: ignore[arg-type]
+
+
+def place(base: Node, offset: int, stride: int = 1) -> Node:
+    """The element of a vector that lies in an array."""
+    step = AT if stride == 1 else c.op(c.integer(stride), "*", AT)
+    return c.index(base, c.op(c.integer(offset), "+", step) if offset else step)
+
+
+def array_and_offset(vector: Node) -> tuple[Node, int] | None:
     """Array and offset of a vector that lies side by side in memory."""
-    m = re.fullmatch(r"([A-Za-z_][\w.>-]*)\[(?:(\d+) \+ )?@\]", text)
-    return (m[1], int(m[2] or 0)) if m else None
+    if vector.kind != "index" or not is_place(vector.parts[0]):
+        return None
+    at = vector.parts[1]
+    if at == AT:
+        return vector.parts[0], 0
+    if at.kind == "op" and at.head == "+" and at.parts[0].kind == "number" and at.parts[1] == AT:
+        return vector.parts[0], int(at.parts[0].head)
+    return None
 
 
-def address(base: str, offset: int) -> str:
-    """C expression of the address of an element."""
-    return f"&{base}[{offset}]" if offset else base
+def is_place(n: Node) -> bool:
+    """Whether it is a variable, or a member of one."""
+    return n.kind == "name" or (n.kind == "member" and is_place(n.parts[0]))
 
 
-def by_blocks(places: Sequence[int], offset: int) -> str | None:
+def address(base: Node, offset: int) -> Node:
+    """Address of an element."""
+    return c.address(c.index(base, offset))
+
+
+def by_blocks(places: Sequence[int], offset: int) -> Node | None:
     """Index of elements that are taken in blocks as far apart as each other: ``@ / 5 * 31 + ...``.
 
     None if they are not, or are fewer than eight.
@@ -57,32 +94,34 @@ def by_blocks(places: Sequence[int], offset: int) -> str | None:
         step = places[1] - first if size > 1 else 0
         apart = places[size] - first
         wanted = [first + k // size * apart + k % size * step for k in range(n)]
-        if wanted == list(places) and step >= 0 and apart > 0:
-            begin = f"{first + offset} + " * bool(first + offset)
-            block = AT if size == 1 else f"{AT} / {size}"
-            inside = f" + {AT} % {size}{f' * {step}' * (step != 1)}" * (size > 1 and step > 0)
-            return f"{begin}{block} * {apart}{inside}"
+        if wanted != list(places) or step < 0 or apart <= 0:
+            continue
+        found = c.op(AT if size == 1 else c.op(AT, "/", c.integer(size)), "*", c.integer(apart))
+        if first + offset:
+            found = c.op(c.integer(first + offset), "+", found)
+        if size > 1 and step > 0:
+            inside = c.op(AT, "%", c.integer(size))
+            inside = inside if step == 1 else c.op(inside, "*", c.integer(step))
+            found = c.op(found, "+", inside)
+        return found
     return None
 
 
-_MOVED = re.compile(
-    r"(?P<to>[\w.>-]+)\[(?:(?P<at>\d+) \+ )?@\] = "
-    r"(?:(?P<source>[\w.>-]+)\[(?:(?P<begin>\d+) \+ )?@\]|(?P<number>-?\d[\d.e+-]*));"
-)
-
-
-def loop(n: int, line: str) -> list[str]:
+def loop(n: int, statement: Node) -> list[Node]:
     """A loop over n elements, of a statement with ``AT`` in it; a call where it only moves them."""
-    if found := _MOVED.fullmatch(line):
-        to = address(found["to"], int(found["at"] or 0))
-        if found["number"]:
-            return [f"fill({to}, {n}, {found['number']});"]
-        return [f"copy({to}, {address(found['source'], int(found['begin'] or 0))}, {n});"]
-    return [f"for (int i = 0; i < {n}; ++i) {{", f"    {element_text(line, 'i')}", "}"]
+    to = c.target(statement)
+    where = array_and_offset(to) if to is not None else None
+    if where is not None and statement.parts[0].head == "=":
+        given, count = c.value(statement), c.integer(n)
+        if given.kind == "number" or (given.kind == "unary" and given.parts[0].kind == "number"):
+            return [c.do(c.call("fill", [address(*where), count, given]))]
+        if (source := array_and_offset(given)) is not None:
+            return [c.do(c.call("copy", [address(*where), address(*source), count]))]
+    return [c.loop(n, [element(statement, c.name("i"))])]
 
 
-def initialiser_lines(declared: str, texts: Sequence[str], sign: str = " = ") -> list[str]:
-    """Declaration of an array or a struct with its elements; the lines are broken later."""
-    if len(line := f"{declared}{sign}{{{', '.join(texts)}}};") <= WIDTH - 12:
-        return [line]
-    return [f"{declared}{sign}{{", f"    {', '.join(texts)}", "};"]
+def array_of(kind: str, array: Node | str, values: Iterable[Node]) -> Node:
+    """Declaration of an array with its elements."""
+    given = Node("list", "", tuple(values))
+    base = c.name(array) if isinstance(array, str) else array
+    return c.declare(kind, c.index(base, len(given.parts)), given)

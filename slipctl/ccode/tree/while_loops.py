@@ -9,8 +9,9 @@ import casadi as ca
 
 from slipctl.ccode.tree.expressions import Node
 from slipctl.ccode.tree.graph import CALLED, SLICE, Step, free_name, taken_apart
+from slipctl.ccode.tree.nodes import Node as C
+from slipctl.ccode.tree.parser import code
 from slipctl.ccode.tree.scans import same, size
-from slipctl.ccode.tree.statements import call_statement
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ def _stays(f: ca.Function) -> bool:
 
 def again_lines(
     found: Again, name: str, inputs: Sequence[str], output: str, taken: set[str]
-) -> list[str]:
+) -> list[C]:
     """Statements of a Function that does something again and again.
 
     Args:
@@ -135,19 +136,15 @@ def again_lines(
     over = f"!({now}[{found.going}] > 0.0)"
     if found.begun:
         over = f"({at} > 0) && {over}"
-    return [
-        f"double {other}[{n}];",
-        f"double *const {turns}[2] = {{{output}, {other}}};",
-        f"const double *{now} = {z};",
-        f"for (int {at} = 0; {at} < {found.most}; ++{at}) {{",
-        f"    if ({over}) {{",
-        "        break;",
-        "    }",
-        f"    double *const {to} = {turns}[{at} % 2];",
-        f"    {call_statement(f'{name}(', [now, *(o for o in others if o), to])}",
-        f"    {now} = {to};",
-        "}",
-        f"if ({now} != {output}) {{",
-        f"    copy({output}, {now}, {n});",
-        "}",
-    ]
+    return code(
+        f"double {other}[{n}];"
+        f"double *const {turns}[2] = {{{output}, {other}}};"
+        f"const double *{now} = {z};"
+        f"for (int {at} = 0; {at} < {found.most}; ++{at}) {{"
+        f"  if ({over}) {{ break; }}"
+        f"  double *const {to} = {turns}[{at} % 2];"
+        f"  {name}({', '.join([now, *(o for o in others if o), to])});"
+        f"  {now} = {to};"
+        f"}}"
+        f"if ({now} != {output}) {{ copy({output}, {now}, {n}); }}"
+    )

@@ -6,7 +6,7 @@ import hashlib
 import json
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,8 @@ class Ensemble:
             has, and quantities that the study knows,
             ``{"peak": "0.8:1.2 of plant.adh.c, rail.best_adhesion"}``.
         seeds: whether the noise is drawn anew.
+        also: numbers of the loop that are drawn together, by name, from the seed of a draw; what
+            they are drawn from stands in ``also_told``.
 
     Raises:
         BadInput: it is empty.
@@ -50,10 +52,12 @@ class Ensemble:
     draw: Mapping[str, str] = field(default_factory=dict)
     scale: Mapping[str, str] = field(default_factory=dict)
     seeds: bool = False
+    also: Callable[[int], Mapping[str, Any]] | None = None
+    also_told: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        check_kinds("Ensemble", Ensemble, vars(self))
-        if not (self.draw or self.scale or self.seeds):
+        check_kinds("Ensemble", Ensemble, {k: v for k, v in vars(self).items() if k != "also"})
+        if not (self.draw or self.scale or self.seeds or self.also):
             raise BadInput(
                 "the ensemble is empty; write what differs from draw to draw, such as"
                 ' [draw] "plant.m" = "7t:12t"'
@@ -61,7 +65,8 @@ class Ensemble:
 
     def told(self) -> dict[str, Any]:
         """Its entries, as a file holds them."""
-        return {"seeds": self.seeds, "draw": dict(self.draw), "scale": dict(self.scale)}
+        found = {"seeds": self.seeds, "draw": dict(self.draw), "scale": dict(self.scale)}
+        return found | ({"also": dict(self.also_told)} if self.also_told else {})
 
     @property
     def hash(self) -> str:
@@ -235,7 +240,9 @@ class World:
     def at(self, drawn: Mapping[str, float], noise: int) -> Draw:
         """Draw with these numbers and factors, all of :attr:`ranges`, and this seed."""
         factors = {f.name: drawn[f.name] for f in self.factors}
-        numbers = {n: v for n, v in drawn.items() if n not in factors}
+        numbers: dict[str, Any] = {n: v for n, v in drawn.items() if n not in factors}
+        if self.ensemble.also is not None:
+            numbers |= self.ensemble.also(noise)
         scenario = self.scenario.but(seed=noise) if self.ensemble.seeds else self.scenario
         known = dict(self.known)
         for f in self.factors:

@@ -23,8 +23,8 @@ import numpy as np
 
 from slipctl.ccode.compile import targets
 from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.module.shapes import c_elements
 from slipctl.ccode.passes.precision import size
-from slipctl.ccode.tree.shapes import c_elements
 from slipctl.errors import RunFailed
 
 LOST, LATE, BROKEN = 0x100, 0x200, 0x400

@@ -21,6 +21,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from slipctl.ccode.module.kernel import KERNEL
+from slipctl.ccode.tree.nodes import Node, block, target, value
+from slipctl.ccode.tree.parser import code
 
 CONTRACTS = "contracts.h"
 """File of what the functions promise."""
@@ -28,19 +30,8 @@ CONTRACTS = "contracts.h"
 PROOFS = "proofs.c"
 """File of the program that calls each function with anything that it may be given."""
 
-_FUNCTION = re.compile(
-    r"^/\* \w+:\((?P<takes>[^)]*)\)->\((?P<gives>[^)]*)\)(?: \*/|:[^/]*\*/)\n"
-    r"static int (?P<name>\w+)\([^)]*\)\s*\{\n(?P<body>.*?)^\}",
-    re.MULTILINE | re.DOTALL,
-)
+_SIGNATURE = re.compile(r"\w+:\((?P<takes>[^)]*)\)->\((?P<gives>[^)]*)\)")
 _SIZE = re.compile(r"\w+(?:\[(\d+)(?:x(\d+))?(?:,(\d+)nz)?\])?")
-_CALL = r"\b(%s)\((\w+)(?:\+(\d+))?, (\w+)(?:\+(\d+))?, "
-_SHIFTED = re.compile(r"\b((?:arg|res)\d+) ?= ?(arg|res)\+(\d+)")
-_COPIED = re.compile(r"i<(\d+); \+\+i\) ((?:arg|res)\d+)\[i\] ?= ?(arg|res)\[i\]$")
-_GIVEN = re.compile(r"^((?:arg|res)\d*)\[(\d+)\] ?= ?(.*)$")
-_ALIAS = re.compile(r"^(\w+) ?= ?(arg|res)\[(\d+)\]$")
-_OWN = re.compile(r"\(?(arg|res)\[(\d+)\](?: != (?:0|NULL)\) \? \1\[\2\]\+\d+ : (?:0|NULL))?$")
-_FLAG = re.compile(r"casadi_to_int\(\*arg\[(\d+)\]\)")
 
 Pattern = tuple[tuple[bool, ...], tuple[bool, ...]]
 """Which of the arguments, and of the results, are there."""
@@ -51,7 +42,7 @@ class Function:
     """A function of CasADi's text: its sizes, whom it calls, and how it is called."""
 
     name: str
-    body: str
+    body: Node
     takes: tuple[int, ...]
     gives: tuple[int, ...]
     flags: tuple[int, ...]
@@ -81,13 +72,14 @@ def text_with_contracts(
         contracts it proves.
     """
     begin, end = (text.index(f"/* {mark} */") for mark in KERNEL)
-    functions = {m["name"]: _read(m) for m in _FUNCTION.finditer(text, begin, end)}
+    whole = [n for n in code(text) if n.kind == "function"]
+    within = {n.parts[0].head for n in code(text[begin:end]) if n.kind == "function"}
+    functions = {f.name: f for n in whole if n.parts[0].head in within and (f := _read(n))}
     if not functions:
         return {f"{name}.c": text}, 0
-    calls = re.compile(_CALL % "|".join(functions))
-    _rooms(functions, calls)
-    rest = Function("", _FUNCTION.sub("", text), (), (), ())  # what is followed as it is
-    _follow(functions, calls, rest, ((), ()))
+    _rooms(functions)
+    rest = block(n.parts[1] for n in whole if n.parts[0].head not in functions)
+    _follow(functions, Function("", rest, (), (), ()), ((), ()))  # what is followed as it is
     longest = max(n for f in functions.values() for n in (*f.takes, *f.gives))
     turns = f"/*@ loop unroll {longest}; */"
     text = text[:begin] + text[begin:end].replace("for (", f"{turns} for (") + text[end:]
@@ -102,37 +94,54 @@ def text_with_contracts(
     }, sum(len(f.patterns) for f in used)
 
 
-def _read(m: re.Match[str]) -> Function:
+def _read(n: Node) -> Function | None:
+    """A function that CasADi has written for a Function, which the comment before it tells."""
+    said = _SIGNATURE.search(" ".join(n.told.split()))
+    if said is None:
+        return None
     takes, gives = (
         tuple(
             int(s[3]) if s[3] else math.prod(int(n) for n in s.groups()[:2] if n)
-            for s in _SIZE.finditer(m[side])
+            for s in _SIZE.finditer(said[side])
         )
         for side in ("takes", "gives")
     )
-    flags = tuple(sorted({int(k) for k in _FLAG.findall(m["body"])}))
-    return Function(m["name"], m["body"], takes, gives, flags)
+    flags = {
+        int(x.parts[0].parts[0].parts[0].parts[1].head) for x in n.walk()
+        if x.kind == "cast" and x.head == "int" and x.text.startswith("(int)(*arg[")
+    }  # fmt: skip
+    return Function(n.parts[0].head, n.parts[1], takes, gives, tuple(sorted(flags)))
 
 
-def _rooms(functions: dict[str, Function], calls: re.Pattern[str]) -> None:
+def _shifted(n: Node) -> tuple[str, int]:
+    """Array of pointers, and where it begins in it: ``arg + 3``."""
+    if n.kind == "op" and n.head == "+" and n.parts[1].kind == "number":
+        return n.parts[0].head, int(float(n.parts[1].head))
+    return (n.head, 0) if n.kind == "name" else ("", 0)
+
+
+def _rooms(functions: dict[str, Function]) -> None:
     """Lengths of the arrays of pointers that each needs, with what it calls; callees come first."""
     for f in functions.values():
-        shifts = {a: int(k) for a, _, k in _SHIFTED.findall(f.body)}
+        items = [p for n in f.body.walk() if n.kind in ("declare", "do") for p in n.parts]
+        shifts = {
+            p.parts[0].text.lstrip("*"): _shifted(p.parts[1])[1] for p in items
+            if p.kind == "op" and p.head == "=" and _shifted(p.parts[1])[0] in ("arg", "res")
+        }  # fmt: skip
         room = [len(f.takes), len(f.gives)]
-        for g, a, k, r, j in calls.findall(f.body):
-            for side, (base, more) in enumerate(((a, k), (r, j))):
-                needs = shifts.get(base, 0) + int(more or 0) + functions[g].room[side]
-                room[side] = max(room[side], needs)
+        for n in f.body.walk():
+            if n.kind == "call" and n.head in functions:
+                for side, given in enumerate(n.parts[:2]):
+                    base, more = _shifted(given)
+                    needs = shifts.get(base, 0) + more + functions[n.head].room[side]
+                    room[side] = max(room[side], needs)
         f.room = (room[0], room[1])
 
 
-def _follow(
-    functions: dict[str, Function], calls: re.Pattern[str], f: Function, pattern: Pattern
-) -> None:
+def _follow(functions: dict[str, Function], f: Function, pattern: Pattern) -> None:
     """Which arguments and results of whom are there, where this one is called so.
 
-    Statement by statement, as they stand: CasADi's text has no jumps, and heads of its loops and
-    branches stay with what follows them.
+    Statement by statement, as they stand: CasADi's text has no jumps.
     """
     if pattern in f.patterns:
         return
@@ -140,26 +149,37 @@ def _follow(
     own = {"arg": dict(enumerate(pattern[0])), "res": dict(enumerate(pattern[1]))}
     there: dict[str, dict[int, bool]] = {**own}
     aliases: dict[str, bool] = {}
-    body = re.sub(r"/\*.*?\*/", "", f.body, flags=re.DOTALL)
-    for statement in (" ".join(s.split()) for s in re.split(r"[;{}](?! \w+[<+])", body)):
-        if copied := _COPIED.search(statement):
-            there[copied[2]] = {i: own[copied[3]].get(i, True) for i in range(int(copied[1]))}
-        elif given := _GIVEN.match(statement):
-            value = given[3]
-            from_own = _OWN.match(value)
-            there.setdefault(given[1], {})[int(given[2])] = (
-                own[from_own[1]].get(int(from_own[2]), True) if from_own
-                else aliases.get(value, value not in ("0", "NULL"))
-            )  # fmt: skip
-        elif alias := _ALIAS.match(statement):
-            aliases[alias[1]] = own[alias[2]].get(int(alias[3]), True)
-        for name, a, k, r, j in calls.findall(statement):
-            g = functions[name]
-            sides = (
-                tuple(there.get(base, {}).get(i + int(more or 0), True) for i in range(n))
-                for base, more, n in ((a, k, len(g.takes)), (r, j, len(g.gives)))
-            )
-            _follow(functions, calls, g, (next(sides), next(sides)))
+
+    def is_there(given: Node) -> bool:
+        given = given.parts[1] if given.kind == "choice" else given
+        given = given.parts[0] if given.kind == "op" else given
+        if given.kind == "index" and given.parts[0].head in own:
+            return own[given.parts[0].head].get(int(given.parts[1].head), True)
+        return aliases.get(given.text, given.text not in ("0", "NULL"))
+
+    for n in f.body.walk():
+        to = target(n) if n.kind == "do" and n.parts[0].head == "=" else None
+        if n.kind == "for" and len(n.parts[3].parts) == 1:
+            only = n.parts[3].parts[0]
+            copied = target(only) if only.kind == "do" else None
+            source = value(only) if copied is not None else None
+            if copied is None or source is None or source.base.head not in own:
+                continue
+            if copied.kind == "index" and copied.parts[1].kind == "name":
+                mine, count = own[source.base.head], int(n.parts[1].parts[1].head)
+                there[copied.base.head] = {i: mine.get(i, True) for i in range(count)}
+        elif to is not None and to.kind == "index" and to.parts[0].head.startswith(("arg", "res")):
+            if to.parts[1].kind == "number":
+                there.setdefault(to.parts[0].head, {})[int(to.parts[1].head)] = is_there(value(n))
+        elif to is not None and to.kind == "name" and value(n).base.head in own:
+            aliases[to.head] = is_there(value(n))
+        if n.kind == "call" and n.head in functions:
+            g = functions[n.head]
+            sides = []
+            for given, count in zip(n.parts, (len(g.takes), len(g.gives)), strict=False):
+                base, more = _shifted(given)
+                sides.append(tuple(there.get(base, {}).get(i + more, True) for i in range(count)))
+            _follow(functions, g, (sides[0], sides[1]))
 
 
 def seen_and_any(sizes: Iterable[int], undecided: str, real: str) -> list[str]:

@@ -103,7 +103,16 @@ def harness(plan: Plan) -> str:
         *[widened] * bool(hints), "    while (more != 0) {",
         *(f"        {line}" for line in body), "    }", "    return 0;", "}", "",
     ]  # fmt: skip
-    return lay.nested("\n".join(lines))
+    return with_structs(plan, "\n".join(lines))
+
+
+def with_structs(plan: Plan, text: str) -> str:
+    """Text of a harness in which a state of a part is a member of the struct of that part."""
+    moved = {c: place for c, place in plan.layout.places.items() if c != place}
+    if not moved:
+        return text
+    use = re.compile(r"((?:\bnext->|\b(?:kept|next)\.))(" + "|".join(moved) + r")\b")
+    return use.sub(lambda m: m[1] + moved[m[2]], text)
 
 
 def run_eva(
@@ -221,7 +230,7 @@ def any_results(plan: Plan, text: str) -> str:
         for m in members:
             body += _each(m, f"{pointer}->{m.c}{'' if m.scalar else '[k]'} = unknown;")
     body += ["return 0;"] * (found[1] == "int")
-    lines = lay.nested("".join(f"    {line}\n" for line in body))
+    lines = with_structs(plan, "".join(f"    {line}\n" for line in body))
     declared = f"static volatile {plan.real} unknown;\nstatic volatile int undecided;\n"
     return (
         text[: found.start()] + declared + text[found.start() : found.start(2)] + lines

@@ -7,12 +7,15 @@ constants are added in the order of the sum: in double the bits stay.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import casadi as ca
+
+from slipctl.ccode.tree import nodes as c
+from slipctl.ccode.tree.nodes import Node as C
 
 PIECES = -2
 """Operation of a node that is read from a table; its place is (table, column)."""
@@ -37,23 +40,20 @@ class Table:
     ramps: tuple[Ramp, ...]
     columns: list[list[tuple[float, float]]]
 
-    def lines(self, name: str, number: Any, width: int) -> Iterator[str]:
+    def declared(self, name: str, number: Callable[[float], C]) -> Iterator[C]:
         """Constants in C: begin and length of each piece, then height and slope by column."""
         n = len(self.ramps)
-        rows = (
-            (f"{name}_at[{n}]", [number(r.begin) for r in self.ramps]),
-            (f"{name}_long[{n}]", [number(r.length) for r in self.ramps]),
-        )
-        for what, values in rows:
-            yield f"static const double {what} = {{\n{_wrapped(values, width)}\n    }};"
-        pairs = [
-            "{" + ", ".join(number(v) for c in self.columns for v in c[k]) + "}" for k in range(n)
+        for what, values in (
+            (f"{name}_at", [number(r.begin) for r in self.ramps]),
+            (f"{name}_long", [number(r.length) for r in self.ramps]),
+        ):
+            yield c.declare("static const double", what, C("list", "", tuple(values)), n)
+        rows = [
+            C("list", "", tuple(number(v) for column in self.columns for v in column[k]))
+            for k in range(n)
         ]
-        yield (
-            f"static const double {name}[{n}][{2 * len(self.columns)}] = {{\n"
-            + ",\n".join(_wrapped_row(p, width) for p in pairs)
-            + "\n    };"
-        )
+        table = c.index(c.index(c.name(name), n), 2 * len(self.columns))
+        yield c.declare("static const double", table, C("list", "", tuple(rows)))
 
 
 def replace_ramps(nodes: Sequence[Any]) -> tuple[list[Any], list[Table]]:
@@ -126,18 +126,3 @@ def _term(nodes: Sequence[Any], node: Any, ramps: dict[int, Ramp]) -> tuple[floa
     if node.op != ca.OP_MUL or (factor := _constant(nodes, node.args)) is None:
         return None
     return (factor[0], ramps[factor[1]]) if factor[1] in ramps else None
-
-
-def _wrapped(values: Sequence[str], width: int) -> str:
-    lines, line = [], ""
-    for v in values:
-        if line and len(line) + len(v) > width:
-            lines.append(line.rstrip())
-            line = ""
-        line += f"{v}, "
-    return "\n".join(f"        {text}" for text in [*lines, line.rstrip().rstrip(",")])
-
-
-def _wrapped_row(row: str, width: int) -> str:
-    values = row.strip("{}").split(", ")
-    return "        {" + _wrapped(values, width).strip().replace("\n    ", "\n     ") + "}"
