@@ -9,7 +9,7 @@ from slipctl.models.vehicle.certificate import axle_loops
 from slipctl.models.vehicle.certificate.gains import gains, reasons_without_certificate
 from slipctl.models.vehicle.contamination import patches_of_seed
 from slipctl.models.vehicle.parts import Drawn, Trip, number_with_unit
-from slipctl.models.vehicle.plausibility import unusual_numbers
+from slipctl.models.vehicle.parts.plausibility import unusual_numbers
 from slipctl.models.vehicle.trip import case
 from slipctl.run.roles import Signals
 from slipctl.run.sweep.ensemble import Ensemble
