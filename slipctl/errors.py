@@ -11,7 +11,7 @@ import typing
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from difflib import get_close_matches
-from numbers import Integral, Number, Real
+from numbers import Integral, Number, Rational, Real
 from typing import Any, TypeVar
 
 
@@ -67,15 +67,34 @@ def refuse_unknown_choice(what: str, choice: str, given: str, choices: Iterable[
         raise BadInput(f"{what} has no {choice} {given!r}; it has {', '.join(choices)}")
 
 
+def _is_real(given: Any) -> bool:
+    """Whether it is a number as float, int and numpy have it; a fraction or a time span is none."""
+    if isinstance(given, Rational) and not isinstance(given, Integral):
+        return False
+    return isinstance(given, Real) and type(given).__name__ != "timedelta64"
+
+
 def check_number(what: str, given: Any, unit: str = "1") -> None:
     """Refuse what is no number.
 
     Raises:
         BadInput: "what takes a number in unit, not given".
     """
-    if not isinstance(given, Real) or (isinstance(given, int) and abs(given) >= 2**1023):
+    if not _is_real(given) or (isinstance(given, int) and abs(given) >= 2**1023):
         told = "" if unit == "1" else f" in {unit}"
         raise BadInput(f"{what} takes a number{told}, not {value_text(given)}")
+
+
+def check_texts(what: str, owner: object, *names: str) -> None:
+    """Refuse attributes that are no texts.
+
+    Raises:
+        BadInput: "what: name is a text, not given".
+    """
+    for name in names:
+        given = getattr(owner, name)
+        if not isinstance(given, str):
+            raise BadInput(f"{what}: {name} is a text, not {value_text(given)}")
 
 
 def check_positive(what: str, given: Any, unit: str = "1") -> None:
@@ -107,7 +126,7 @@ def check_whole(what: str, given: Any, least: int = 1, most: int | None = None) 
     Raises:
         BadInput: "what = given must be a whole number >= least".
     """
-    whole = isinstance(given, Integral) or (isinstance(given, Real) and float(given).is_integer())
+    whole = _is_real(given) and (isinstance(given, Integral) or float(given).is_integer())
     if not (whole and least <= given and (most is None or given <= most)):
         told = given if isinstance(given, Real) else value_text(given)
         wanted = f">= {least}" if most is None else f"in {least}..{most}"
@@ -282,7 +301,7 @@ def _is(value: Any, kind: Any) -> bool:
         return isinstance(value, Number)
     if kind is int:
         whole = isinstance(value, Integral) or (isinstance(value, float) and value.is_integer())
-        return whole and abs(value) < 2**63
+        return whole and _is_real(value) and abs(value) < 2**63
     if kind is bool:
         return isinstance(value, bool) or type(value).__name__ == "bool"
     if origin is collections.abc.Callable:
@@ -315,7 +334,7 @@ def _is(value: Any, kind: Any) -> bool:
 def _is_number(value: Any) -> bool:
     """Whether it is one real number that a float can hold (also an array or DM of one element)."""
     single = getattr(value, "ndim", None) == 0 or type(value).__name__ == "DM"
-    if not isinstance(value, Real) and not single:
+    if not _is_real(value) and not (single and not isinstance(value, Real)):
         return False
     try:
         float(value)

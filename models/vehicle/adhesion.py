@@ -21,6 +21,12 @@ BEYOND = 20.0
 STEEP = 0.01
 """Adhesion at a slip of 1e-6 m/s that is a step: of laws by Hertz and Kalker it is below 1e-4."""
 
+SPEEDS, SLIPS = 7, 600
+"""How many speeds and slips a law is asked at: both by equal shares."""
+
+NOTHING = 1e-9
+"""Adhesion that is none."""
+
 SHARE = 1e-9
 """Of the largest adhesion, what is rounding."""
 
@@ -36,23 +42,42 @@ def law_faults(
         speed: of the vehicle in m/s.
         driven: whether wheels may turn faster than the vehicle runs.
     """
+    for name, rows in _rows_of_law(law, conditions, speed, driven):
+        faults = [_fault(slips, mu) for slips, mu in rows]
+        fault = next(filter(None, faults), "")
+        if not fault and max(float(mu.max()) for _, mu in rows) <= NOTHING:
+            fault = "adhesion is 0 at all slips; write a law that opposes slip"
+        if fault:
+            yield name, fault
+
+
+def heights_of_law(law: Block, speed: float, driven: bool) -> dict[str, float]:
+    """Largest adhesion of each condition of a law, over the slips and speeds of a trip."""
+    found = _rows_of_law(law, law.conditions, speed, driven)
+    return {name: max(float(mu.max()) for _, mu in rows) for name, rows in found}
+
+
+def _rows_of_law(
+    law: Block, conditions: Mapping[str, Mapping[str, float]], speed: float, driven: bool
+) -> Iterator[tuple[str, list[tuple[np.ndarray, np.ndarray]]]]:
+    """Slips in m/s and adhesion seen against them, of each condition, by speed and direction."""
     train = on_train(law)
     p = {n: ca.SX.sym(n.replace(".", "_"), *s.shape) for n, s in train.params.items()}
     s, v = ca.SX.sym("s"), ca.SX.sym("v")
     mu = train.expr({}, {"v_s": s, "v": v}, p)[1]["mu"]
     curve = ca.Function("curve", [s, v, *p.values()], [mu])
+    speeds = np.geomspace(max(speed, 1.0), 1.0, SPEEDS if ca.depends_on(mu, v) else 1)
     for name, values in conditions.items():
         known = train.param_values(**values)
         numbers = [known[n] for n in train.params]
-        for at, side in product((max(speed, 1.0), 1.0), (1.0, -1.0)):
+        rows = []
+        for at, side in product(speeds.tolist(), (1.0, -1.0)):
             # a braked wheel slips by the speed at most; and a ratio above 1 is no law's
             reach = at + BEYOND if driven and "lam" not in law.inputs else at
-            slips = np.concatenate([[0.0], np.geomspace(1e-6, reach, 600)])
-            rows = np.array(curve(side * slips[None, :], at, *numbers))
-            fault = _fault(slips, side * rows.ravel())
-            if fault:
-                yield name, fault
-                break
+            slips = np.concatenate([[0.0], np.geomspace(1e-6, reach, SLIPS)])
+            mu_of = np.array(curve(side * slips[None, :], at, *numbers))
+            rows.append((slips, side * mu_of.ravel()))
+        yield name, rows
 
 
 def _fault(slips: np.ndarray, mu: np.ndarray) -> str:
@@ -65,7 +90,7 @@ def _fault(slips: np.ndarray, mu: np.ndarray) -> str:
         found = mu[0] if abs(mu[0]) > size else mu[1]
         return f"adhesion is {found:.3g} without slip; write a law that is 0 at 0"
     if mu.min() < -size:
-        at = int(np.flatnonzero(mu < -size)[0])
+        at = int(np.flatnonzero(mu < 0.01 * mu.min())[0])
         return (
             f"adhesion is {mu[at]:.3g} at a slip of {slips[at]:.3g} m/s, the wrong sign;"
             " write a law with the sign of the slip at all speeds of the trip"

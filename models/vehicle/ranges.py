@@ -186,7 +186,7 @@ def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
     if trip.control.demand_lost not in ("", "largest"):
         lost = float(torque_of(trip.control.demand_lost))
     return {
-        "fastest": fastest, "most": 1.5 * fastest / w.r, "gate": gate, "noise": noise,
+        "fastest": fastest, "most": 1.5 * fastest / w.r, "gate": min(gate, 50.0), "noise": noise,
         "noise_slow": slow, "slow": 2 * slow, "unseen": unseen,
         "react": min(0.3 + 1.2 * lag + act.dead_time + full, 10.0), "lost": lost,
         "limit": trip.control.release_train,

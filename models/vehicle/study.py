@@ -9,6 +9,7 @@ from slipctl.models.vehicle.certificate import axle_loops
 from slipctl.models.vehicle.certificate.gains import gains, reasons_without_certificate
 from slipctl.models.vehicle.contamination import patches_of_seed
 from slipctl.models.vehicle.parts import Drawn, Trip, number_with_unit
+from slipctl.models.vehicle.parts.plausibility import unusual_numbers
 from slipctl.models.vehicle.trip import case
 from slipctl.run.roles import Signals
 from slipctl.run.sweep.ensemble import Ensemble
@@ -117,7 +118,7 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         signals=replace(SIGNALS, mirrored=vehicle.mode == "drive"),
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
         ensembles=ensembles, gains=proved, uncertified=unproved,
-        without_effect=tuple(parts_without_effect(trip)),
+        without_effect=(*parts_without_effect(trip), *unusual_numbers(trip)),
         figures={
             "speeds": Figure("Speed of the vehicle and of a rim", _speeds),
             "slip": Figure("Slip and torque of one axle, and the distance", _slip),

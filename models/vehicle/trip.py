@@ -41,7 +41,7 @@ from slipctl import (
     step,
 )
 from slipctl.block.units.unit_algebra import unit
-from slipctl.errors import Faults, nearest
+from slipctl.errors import BadInput, Faults, nearest
 from slipctl.models import sensors
 from slipctl.models.common_form import ADDED, T_S
 from slipctl.models.vehicle.adhesion import law_faults
@@ -289,6 +289,20 @@ def loop(trip: Trip, controller: Controller | str, common: Common | None = None)
     return connect("loop", wires, share=_shares(trip, parts), **parts)
 
 
+def _loop_of(trip: Trip, name: str, common: Common) -> Block:
+    """Closed loop with a controller of the trip; what is refused says which it is.
+
+    Raises:
+        BadInput: a number that no part of the loop takes.
+    """
+    try:
+        return loop(trip, name, common)
+    except Faults:
+        raise
+    except BadInput as error:
+        raise BadInput(f"controllers.{name}: {error}") from None
+
+
 def _wheel_speed(trip: Trip, parts: dict[str, Block]) -> dict[str, str]:
     """Add the sensors of the wheels; gives their wires."""
     part, n = trip.sensors.wheel_speed, len(trip.vehicle.worked)
@@ -474,5 +488,5 @@ def best_of_rail(trip: Trip) -> dict[str, Known]:
 def case(trip: Trip, name: str = "trip") -> Case:
     """The trip with each of its controllers."""
     common = Common(trip)
-    loops = Loops({k: partial(loop, trip, c, common) for k, c in trip.controllers.items()})
+    loops = Loops({k: partial(_loop_of, trip, k, common) for k in trip.controllers})
     return Case(scenario(trip, name), loops, best_of_rail(trip) | known_of_trip(trip))

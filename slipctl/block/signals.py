@@ -13,6 +13,7 @@ from slipctl.block.text.named_expressions import names_in
 from slipctl.errors import (
     BadInput,
     check_number,
+    check_texts,
     check_whole,
     nearest,
     refuse_unknown_choice,
@@ -127,6 +128,7 @@ class Signal:
     derived: bool = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        check_texts("a signal", self, "role", "doc", "source", "name", "axis")
         if self.unit in KINDS:
             self._typed()
         for what, choice, choices in (

@@ -20,11 +20,15 @@ from contextlib import suppress
 from importlib import import_module
 
 from slipctl.commands.arguments import COMMANDS, parser
+from slipctl.commands.environment import check_environment, tell_threads
 from slipctl.errors import BadInput, RunFailed
 from slipctl.registry import check_one_tree
 from slipctl.run import interrupts
 
 log = logging.getLogger("slipctl")
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+"""Errors of a disk that only who writes meets."""
 
 RARELY = (100_000, 50, 100)
 """When garbage is collected: most objects of a command live to its end, and looking through them
@@ -77,7 +81,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             if options.command is None:
                 raise BadInput(f"say what to do: {', '.join(ANSWERS)}; see slipctl --help")
             check_one_tree()
+            check_environment()
             _talk(options)
+            for line in tell_threads():
+                _say(line)
             home = import_module(ANSWERS[options.command])
             code: int = home.answer(options, _written(arguments))
             sys.stdout.flush()
@@ -129,7 +136,8 @@ def _explain(error: BaseException, verbose: bool) -> int:
         full = known.errno in (errno.ENOSPC, errno.EIO, errno.EBADF)
         if sys.stdout is not None and full:
             _silence()
-        what = f"read or write {known.filename}" if known.filename else "read or write"
+        verb = "write" if known.errno in FULL else "read or write"
+        what = f"{verb} {known.filename}" if known.filename else verb
         if full and not known.filename:  # files say their name
             what = "write to standard output"
         _say(f"cannot {what}: {known.strerror or known}")

@@ -24,6 +24,7 @@ from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput
 from slipctl.run import interrupts, store
 from slipctl.run.results import Results
+from slipctl.run.store import FolderLock
 from slipctl.study import case_setup, claim_scope, execution
 from slipctl.study.cache import Keep, key_of
 from slipctl.study.failure_log import note_failure
@@ -63,7 +64,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
     changed = case_setup.in_words(options.swaps, options.settings)
     left += [n for n in study.experiments if n not in experiments and keep.tables(n) is None]
     results = execution.new_results(study, cases, options.quick, changed, () if chosen else left)
-    with Cores(options.jobs) as cores:
+    out.mkdir(parents=True, exist_ok=True)
+    with FolderLock(out), Cores(options.jobs) as cores:
         return _Run(options, command, results, models, keep, cores, experiments).answer()
 
 

@@ -350,7 +350,7 @@ class Study:
         uncertified: why a loop has no gains to certify, by its name.
         short: the answer in a few sentences, as "In short" of its page has it.
         headline: id of the claim that it stands or falls with.
-        without_effect: what of it has no effect on any run, a line each; each run tells them.
+        without_effect: what of it has no effect, or is unusual, a line each; each run tells them.
     """
 
     name: str

@@ -76,11 +76,11 @@ def text_of(path: Path) -> tuple[str, str]:
         BadInput: no such file, no text, too large.
     """
     try:
-        size = path.stat().st_size
+        with path.open("rb") as file:  # a device tells no size, and may have no end
+            size = max(path.stat().st_size, len(raw := file.read(LARGEST + 1)))
         if size > LARGEST:
-            raise BadInput(f"{path} has {size >> 20} MB; cut it into files of at most"
+            raise BadInput(f"{path} has {size >> 20} MB or more; cut it into files of at most"
                            f" {LARGEST >> 20} MB")  # fmt: skip
-        raw = path.read_bytes()
     except OSError as error:
         raise BadInput(f"cannot read {path}: {error.strerror or error}") from None
     except ValueError as error:

@@ -269,3 +269,11 @@ def test_states_that_nobody_measured_allow_no_gap():
         fit_over_time(pair, log, "z")
     whole = fit_over_time(pair, Record("log", T, {}, -5 * T**2 / 2), "z")
     assert whole.values["g"] == pytest.approx(5, rel=1e-6)
+
+
+def test_a_flow_that_runs_away_is_refused():
+    """x' = k x^2 is infinite after 1/(k x): no fit goes over that, and units of time do it."""
+    flow = from_text("x' = k*x*x where x = 1 m, k = 5 1/(m s)")
+    time = np.linspace(0.0, 3.0, 40)
+    with pytest.raises(BadInput, match="not finite over data"):
+        fit_over_time(flow, {"time": time, "x": 1 + time}, "x", unknown=["k"], start={"k": 50.0})

@@ -4,9 +4,10 @@ import math
 import pickle
 
 import casadi as ca
+import heavy_calls
 import numpy as np
 import pytest
-from calls import SCENARIO, VALID, answer, hump, tick, wrong_calls
+from calls import METHODS, SCENARIO, VALID, answer, hump, tick, wrong_calls
 
 import slipctl as sc
 from slipctl import BadInput
@@ -104,3 +105,20 @@ def test_a_door_keeps_what_it_guards():
     assert pickle.loads(pickle.dumps(sc.simulate)) is sc.simulate
     assert fed(1.0).equals(simulation.simulate(tick, SCENARIO, compile=False))
     assert float(fed(np.float32(1))["y"][-1]) == float(fed(ca.DM(1))["y"][-1])
+
+
+def test_every_public_name_is_called_wrongly():
+    """The list of the random calls has all that ``slipctl`` gives."""
+    assert set(sc.__all__) - {"__version__"} == set(heavy_calls.every_name()) - set(METHODS)
+
+
+QUICK = [n for n in heavy_calls.every_name() if n not in heavy_calls.HEAVY]
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("names", [QUICK, pytest.param([*heavy_calls.HEAVY],
+                                                       marks=pytest.mark.second)])  # fmt: skip
+def test_random_wrong_calls_end_in_our_words(names, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    heavy_calls.prepared_folder()
+    assert [*heavy_calls.found_foreign(names, 4, 3)] == []

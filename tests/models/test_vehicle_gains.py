@@ -154,3 +154,26 @@ def test_a_controller_that_was_told_another_wheel_is_refused(tmp_path):
     other = loop(trip, "sta").with_params(**{"plant.train.J": 150.0})
     with pytest.raises(BadInput, match="J = 110 and the vehicle J = 150"):
         asked.slip_law_bounds(trip, other, over, trip.reference)
+
+
+@pytest.mark.parametrize("tube", ["1e-3", "0.05", "0.5"])
+def test_a_tube_holds_the_slips_about_its_goal_and_what_they_fall_by(tmp_path, tube):
+    """Slips within a share of the goal, with D at each of them by hand; a wide tube holds more."""
+    path = written(tmp_path, MEASURED, ensemble=f"[certify]\ntube = {tube}")
+    trip = trip_files.load_trip(path)
+    over, _ = asked.ranges(trip)
+    met = asked.slip_law_bounds(trip, loop(trip, "sta"), over, trip.reference)
+    share, spans = float(tube), []
+    for rail, c in zip(met.tubes, (1.0, 0.18), strict=True):
+        assert rail.slips == pytest.approx((1.1 * (1 - share), 1.1 * (1 + share)))
+        slip = np.linspace(*rail.slips, 99)
+        force = mu(c, slip) * 38e3 * 9.81 / 4
+        falls = force * 0.42**2 / 110 + 4 * force / 38e3
+        low, high = rail.falls
+        assert low <= falls.min() * (1 + 1e-9)
+        assert falls.max() * (1 - 1e-9) <= high
+        slope = np.abs(np.gradient(falls, slip)).max()
+        assert slope <= met.slope
+        spans.append(slope * 2 * 1.1 * share)
+    assert met.tube == pytest.approx(1.1 * share)
+    assert met.wrong >= max(spans) * (1 - 1e-3)

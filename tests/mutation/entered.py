@@ -1,6 +1,8 @@
 """A plugin of pytest: which functions each passing test enters, and how long it takes.
 
-Written to the file that ``ENTERED`` names; the mutation run reads it.
+Written to the file that ``ENTERED`` names, a line of JSON each as they end, so that a run that is
+stopped is of use too; the mutation run reads it. A test that takes more CPU than ``LONGEST``
+seconds fails, and so is not asked.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from typing import Any
 import pytest
 
 tests: dict[str, Any] = {}
-LONG = 40
+LONGEST = float(os.environ.get("LONGEST", "40"))
 """s of CPU: a longer test is not asked. (Twice what it takes unobserved, or more.)"""
 
 
@@ -36,7 +38,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[Any]:
             codes[id(frame.f_code)] = frame.f_code
 
     signal.signal(signal.SIGPROF, too_long)
-    signal.setitimer(signal.ITIMER_PROF, LONG)
+    signal.setitimer(signal.ITIMER_PROF, LONGEST)
     sys.settrace(note)  # no profiler: what names results of equations gives way to one
     try:
         result = yield
@@ -46,6 +48,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[Any]:
     own = [c for c in codes.values() if "slipctl" in c.co_filename]
     seen = sorted({f"{c.co_filename}:{c.co_qualname.replace('.<locals>', '')}" for c in own})
     tests.setdefault(item.nodeid, {}).update(entered=seen, seconds=time.process_time() - start)
+    keep(item.nodeid)
     return result
 
 
@@ -54,6 +57,9 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
         tests.setdefault(report.nodeid, {})["out"] = True
 
 
-def pytest_sessionfinish() -> None:
-    kept = {n: t for n, t in tests.items() if "out" not in t and "entered" in t}
-    Path(os.environ["ENTERED"]).write_text(json.dumps(kept), encoding="utf-8")
+def keep(name: str) -> None:
+    """Write a test that passed, and forget it."""
+    test = tests.pop(name)
+    if "out" not in test:
+        with Path(os.environ["ENTERED"]).open("a", encoding="utf-8") as file:
+            file.write(json.dumps({name: test}) + "\n")

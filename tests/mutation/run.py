@@ -1,11 +1,17 @@
 """Would the tests notice? Small changes of the code, and whether a test fails of each.
 
 ``python tests/mutation/run.py --mutations 400 --seed 1 --out mutations.json`` draws changes by seed
-(operators, comparisons, signs, constants, conditions, results and arguments left out) and runs, in
-a copy of the tree, the tests of the same room that enter the changed function, the quickest first.
-What is in the file already is not done again, so that a run that was stopped goes on. Tests beyond
-``--longest`` seconds are not asked: a change that only they would notice counts as one that lives.
+(operators, comparisons, signs, constants, conditions, results and arguments left out; of newer
+kinds another local name, a statement skipped, a condition never or always true, an operand dropped,
+two arguments swapped, break for continue, a refusal removed, index, slice, a constant by a tenth)
+and runs, in a copy of the tree, the tests of the same room that enter the changed function, the
+quickest first. What is in the file already is not done again, so that a run that was stopped goes
+on. Tests beyond ``--longest`` seconds are not asked: a change that only they would notice counts as
+one that lives.
 Tables of what was computed once are not asked either, as they notice every change.
+
+With ``--kinds`` the draw is of these kinds alone, each as often as every other, and over all rooms;
+``--everywhere`` asks all default tests that enter the changed function, whatever room they are of.
 
 ``--again docs/evidence/mutations.json`` asks today's tests about the changes that lived in a run on
 record. Its others count as it found them, and places that are gone are left out and named. Who has
@@ -54,6 +60,19 @@ ROOMS = {
                "tests/studies/test_hst_traction.py", "tests/studies/test_subway_braking.py"],
 }  # fmt: skip
 """Where changes are made, and the tests that are asked: the room's own and named neighbours."""
+
+REST = [path.relative_to(ROOT).as_posix() for path in sorted((ROOT / "slipctl").iterdir())
+        if (path / "__init__.py").exists() and f"slipctl/{path.name}" not in ROOMS]  # fmt: skip
+ROOMS |= {room: [f"tests/{Path(room).name}", "tests/commands"] for room in REST
+          if (ROOT / "tests" / Path(room).name).exists()}  # fmt: skip
+
+EVERYWHERE = "everywhere"
+"""What all default tests together are called where those of a room stand."""
+ROOMS_OF_TESTS = ROOMS | {EVERYWHERE: ["tests"]}
+
+NEW = ("name", "skipped", "never", "always", "operand", "swapped", "break", "refusal", "index",
+       "slice", "tenth")  # fmt: skip
+"""Kinds that are drawn where ``--kinds new`` is asked for."""
 
 FIRST = 30
 """So many of the quickest tests go first: most changes fall there."""
@@ -113,8 +132,11 @@ class Tree:
         """The room's passing tests: what each enters, and how long it takes."""
         file = self.root / "entered.json"
         file.unlink(missing_ok=True)
-        code, said = self.pytest(["-p", "entered", *ROOMS[room]], limit, ENTERED=str(file))
-        found = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+        code, said = self.pytest(["-p", "entered", *ROOMS_OF_TESTS[room]], limit, ENTERED=str(file))
+        lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
+        found: dict[str, Any] = {}
+        for line in lines:
+            found |= json.loads(line)
         if code is None or not found:  # then every change would seem to live
             raise SystemExit(f"{room}: no test passes without a change\n{said[-2000:]}")
         package = f"{self.site / 'slipctl'}{os.sep}"
@@ -193,12 +215,21 @@ def warm() -> None:
         importlib.import_module(name)
 
 
-def drawn(number: int, seed: int, rooms: list[str]) -> list[tuple[str, Site]]:
-    """So many changes of the rooms, each as likely as every other."""
+def drawn(
+    number: int, seed: int, rooms: list[str], kinds: list[str] | None = None
+) -> list[tuple[str, Site]]:
+    """So many changes of the rooms, each as likely as every other; or kind by kind in turn."""
     every = [(room, site) for room in rooms for path in sorted((ROOT / room).rglob("*.py"))
              for site in sites(path.relative_to(ROOT).as_posix(),
                                path.read_text(encoding="utf-8"))]  # fmt: skip
-    return random.Random(seed).sample(every, min(number, len(every)))
+    rng = random.Random(seed)
+    if not kinds:
+        return rng.sample(every, min(number, len(every)))
+    piles = [[w for w in every if w[1].kind == kind] for kind in kinds]
+    for pile in piles:
+        rng.shuffle(pile)
+    in_turn = [pile[k] for k in range(number) for pile in piles if k < len(pile)]
+    return in_turn[:number]
 
 
 def arguments() -> dict[str, str]:
@@ -252,12 +283,18 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--longest", type=float, default=60, help="s of tests for each change")
     parser.add_argument("--match", default="", help="only changes whose name has this text")
+    parser.add_argument("--kinds", nargs="+", help="of changes that are drawn in turn; 'new'")
+    parser.add_argument("--everywhere", action="store_true", help="ask the tests of all rooms")
     parser.add_argument("--again", type=Path, help="only changes that lived in this evidence")
     parser.add_argument("--out", type=Path, default=Path("mutations.json"))
     chosen = parser.parse_args()
 
     all_of_them = chosen.match or chosen.again
-    wanted = drawn(10**9 if all_of_them else chosen.mutations, chosen.seed, chosen.room)
+    kinds = list(NEW) if chosen.kinds == ["new"] else chosen.kinds
+    number = 10**9 if all_of_them else chosen.mutations
+    wanted = drawn(number, chosen.seed, chosen.room, None if all_of_them else kinds)
+    if chosen.everywhere:
+        wanted = [(EVERYWHERE, site) for _, site in wanted]
     wanted = [w for w in wanted if chosen.match in w[1].name]
     before: dict[str, Any] = {}
     gone: list[str] = []

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from casadi import fmin
+from casadi import fmin, if_else, vertcat
 
 from slipctl import (
     Input,
@@ -210,3 +210,32 @@ def test_warnings_stand_at_the_top_of_output_and_report(tmp_path, monkeypatch, c
     found = json.loads(capsys.readouterr().out)["warnings"]
     assert {"text": line, "runs": "base: none"} in found
     assert [f for f in found if "sections of the rail" not in f["text"]] == found[1:]
+
+
+@step(y=Output("N m", "command of two axles", positive="braking", lo="-T_max", hi="T_max",
+               shape=(2,)), period=H)  # fmt: skip
+def two_axles(
+    T_max=Param("N m", 100.0, "largest", lo=1),
+    share=Param("1", 0.6, "of a second at the limit"),
+    sign=Param("1", 1.0, "of the limit"),
+    t=State("s", 0.0, "time"),
+):
+    """The second axle is at its limit for a share of a second, the first one never."""
+    second = if_else(t < share - H / 2, sign * T_max, 0.0)
+    return dict(t=t + H), dict(y=vertcat(0.5 * T_max, second))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("share", "lines"), [(0.4, 0), (0.5, 0), (0.52, 1), (0.6, 1), (1.0, 1)])
+def test_a_limit_either_way_is_told_by_axle_and_share(share, lines, sign):
+    """Above half of the run, of the axle that is there longest, whichever end it is."""
+    handed = connect("ctl", {"T_cmd": "two.y"}, two=two_axles.with_params(share=share, sign=sign))
+
+    @step(total=Output("N m", "sum"), period=H)
+    def brakes(T=Input("N m", "torque", positive="braking", shape=(2,))):
+        """Takes the commands of both."""
+        return {}, dict(total=T[0] + T[1])
+
+    found = told(connect("loop", {"plant.T": "ctl.T_cmd"}, plant=brakes, ctl=handed), 1.0)
+    axle = f"of axle 2 is at its limit, 100 N m, for {100 * share:.0f} % of the run"
+    assert [line.partition(" ")[2] for line in found][:1] == [axle][:lines]

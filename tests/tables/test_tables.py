@@ -14,6 +14,7 @@ from slipctl.block.units.unit_algebra import parse_quantity, unit
 from slipctl.models.trials import coasting
 from slipctl.run.logs.log_signals import source_of
 from slipctl.run.logs.recorded_log import Recording, read_recording
+from slipctl.tables.layout import text_of
 
 V = [3.6 * v for v in speeds()][:400]
 HEAD = "t [s];v [km/h]\n"
@@ -155,3 +156,11 @@ def test_a_gradient_is_said_by_its_ratio() -> None:
     for text in ("°C", "°F", "degC"):
         with pytest.raises(BadInput, match="scale with an offset"):
             unit(text)
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs a device without end")
+def test_what_has_no_end_is_refused(monkeypatch) -> None:
+    """A device says that it has 0 bytes, and gives as many as are read."""
+    monkeypatch.setattr("slipctl.tables.layout.LARGEST", 1 << 20)
+    with pytest.raises(BadInput, match="1 MB or more"):
+        text_of(Path("/dev/zero"))

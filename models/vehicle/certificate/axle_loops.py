@@ -127,6 +127,8 @@ class _Asked:
         ends = [self.over.scale[names[0]] for names in self._height_draws]
         peaks = [float(np.prod([e[k] for e in ends])) for k in (0, 1)]
         now = self._at_goal(**numbers)
+        if not now:  # no adhesion at the goal: none of its height
+            return 1.0, 1.0
         by_mass = [self._at_goal(**{**numbers, "m": m}) / now for m in masses]
         return min(by_mass) * min(peaks), max(by_mass) * max(peaks)
 

@@ -37,7 +37,7 @@ class Valve(Part):
     """Air brake of an axle: a valve fills, holds or vents the cylinder, behind a dead time."""
 
     kind: Literal["valve"] = "valve"
-    torque: float = number("N m", MISSING, "torque of one axle at full pressure", lo=1, hi=1e6)
+    torque: float = number("N m", MISSING, "torque of one axle at full pressure", lo=1, hi=6e5)
     fill: float = number("s", 0.15, "time constant towards the supply", lo=1e-3, hi=5)
     vent: float = number("s", 0.10, "time constant towards the air", lo=1e-3, hi=5)
     band: float = number("1", 0.005, "pressure error that it holds at, of the full pressure",

@@ -18,7 +18,7 @@ class Davis(Part):
     """Running resistance a + b v + c v^2 of the whole vehicle, or by its mass, as "12 N/t"."""
 
     kind: Literal["davis"] = "davis"
-    a: float = number("N", 0.0, "constant part", lo=0, hi=1e7, by="kg")
+    a: float = number("N", 0.0, "constant part", lo=0, hi=1e6, by="kg")
     b: float = number("N s/m", 0.0, "linear part", lo=0, hi=1e6, by="kg")
     c: float = number("N s^2/m^2", 0.0, "quadratic part", lo=0, hi=1e5, by="kg")
 
@@ -135,13 +135,20 @@ _LENGTHS = ("wheelbase", "bogie_centres", "wheelbase", "car_length")
 """What an axle's distance to the next one follows from, in turn."""
 
 
+AXLE_LOAD = (100.0, 5e4)
+"""kg on an axle that its equations are for."""
+
+INERTIA = (1.0, 5e3)
+"""kg m^2 of a wheelset that its equations are for."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Vehicle(Part):
     """A vehicle: mass, axles and their places, wheels, resistance, and its speed at the start."""
 
     mode: Literal["brake", "drive"] = text_field("brake", "whether its wheels are braked or driven")
-    mass: float | None = number("kg", None, "mass; or tare and load", lo=100, hi=1e8)
-    tare: float | None = number("kg", None, "mass without load", lo=100, hi=1e8)
+    mass: float | None = number("kg", None, "mass; or tare and load", lo=1e3, hi=1e8)
+    tare: float | None = number("kg", None, "mass without load", lo=1e3, hi=1e8)
     load: float = number("kg", 0.0, "load, on top of tare", lo=0, hi=1e8)
     cars: tuple[Car, ...] = text_field((), "cars one behind the other, instead of mass and places")
     axles: int = number("1", None, "how many axles; none: 4, or those of the cars", lo=1, hi=32)
@@ -158,7 +165,7 @@ class Vehicle(Part):
         "m", 0.42, "of the wheels, or of each axle", lo=0.2, hi=1
     )
     inertia: float | None = number(
-        "kg m^2", None, "of one wheelset with all that turns with it", lo=0.1, hi=1e5
+        "kg m^2", None, "of one wheelset with all that turns with it", lo=INERTIA[0], hi=INERTIA[1]
     )
     rotating_mass: float | None = number(
         "1", None, "share of the mass without load, instead of the inertia", lo=1e-3, hi=1
@@ -233,6 +240,21 @@ class Vehicle(Part):
                     ),
                 )
                 break
+        (least, most), (light, heavy) = AXLE_LOAD, INERTIA
+        for load in self.carried if self.total else ():
+            if not least <= load <= most:
+                name = "cars" if self.cars else "mass" if self.mass is not None else "tare"
+                yield name, f"an axle carries {load:.4g} kg; it must be {least:g} .. {most:g} kg"
+                break
+        odd = [J for J in self.inertias if not light <= J <= heavy]
+        if odd and self.inertia is None and self.rotating_mass is not None:
+            yield (
+                "cars" if self.cars else "rotating_mass",
+                (
+                    f"the inertia of a wheelset is {odd[0]:.4g} kg m^2; it must be"
+                    f" {light:g} .. {heavy:g} kg m^2"
+                ),
+            )
         turning = sum(J / r**2 for J, r in zip(self.inertias, radii, strict=True))
         if self.inertia is not None and self.total and turning > self.total:
             yield (

@@ -64,6 +64,8 @@ class CModule:
     """
 
     def __init__(self, folder: Path, plan: Plan) -> None:
+        if not isinstance(folder, (str, Path)) or not hasattr(plan, "block"):
+            raise BadInput("a CModule is what c_module gives; call c_module(block, folder)")
         self.folder, self.name, self.block = Path(folder), plan.name, plan.block
         self._plan = plan
         self._scratch: tempfile.TemporaryDirectory[str] | None = None

@@ -1,13 +1,17 @@
 """The store of a sweep: one SQLite file, written by one process, a transaction as runs end.
 
 A run that is in it is whole, whatever ends the process. The number of a run is its key, so that
-the same sweep again does only what is missing.
+the same sweep again does only what is missing. Each row has a sum of what stands in it, and so has
+what the sweep is: a store that was altered or damaged is refused. A store that does not say what it
+is belongs to nobody. While it is written its folder is locked.
 """
 
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
+import os
 import sqlite3
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
@@ -21,18 +25,39 @@ import numpy as np
 from slipctl.errors import BadInput
 from slipctl.run import interrupts, store
 from slipctl.run.metrics import Metric
+from slipctl.run.store import FolderLock
 
 FILE = "sweep.sqlite"
 """Name of the store in the folder of a sweep."""
 
-_TABLES = """
-create table if not exists about (key text primary key, value text not null);
-create table if not exists metrics (name text primary key, unit text not null, rows text not null);
-create table if not exists runs (run integer primary key, numbers text not null,
-    metrics text not null, failed text);
-create table if not exists logs (run integer, name text, shape text not null, data blob not null,
-    primary key (run, name));
-"""
+_TABLES = (
+    "create table about (key text primary key, value text not null)",
+    "create table metrics (name text primary key, unit text not null, rows text not null,"
+    " sum text not null)",
+    "create table runs (run integer primary key, numbers text not null, metrics text not null,"
+    " failed text, sum text not null)",
+    "create table logs (run integer, name text, shape text not null, data blob not null,"
+    " sum text not null, primary key (run, name))",
+)
+
+SUM = "sum"
+"""Key of what the sweep is that holds the sum of all others."""
+
+
+def sum_of_row(*values: int | str | bytes | None) -> str:
+    """Sum of a row, 16 digits: another one where anything of it differs."""
+    digest = hashlib.blake2b(digest_size=8)
+    for value in values:
+        raw = value if isinstance(value, bytes) else repr(value).encode(errors="surrogateescape")
+        digest.update(len(raw).to_bytes(8, "little") + raw)
+    return digest.hexdigest()
+
+
+def _checked(what: str, sum_: object, *values: Any) -> None:
+    """Refuse a row that is not what was written."""
+    if sum_of_row(*values) != sum_:
+        raise ValueError(f"{what} is not what was written")
+
 
 GROWS = ("samples", "command", "limits")
 """What of a sweep may change from one call to the next."""
@@ -60,6 +85,11 @@ class Ended:
     logs: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
+DAMAGED = (sqlite3.Error, zlib.error, ValueError, TypeError, LookupError, AttributeError,
+           RecursionError)  # fmt: skip
+"""What comes of a store that holds something else than was written."""
+
+
 @contextmanager
 def _used(path: Path) -> Iterator[None]:
     """Tell a full disk by the file's name, and what is damaged in one line.
@@ -75,7 +105,7 @@ def _used(path: Path) -> Iterator[None]:
         if any(word in str(error) for word in ("full", "readonly", "disk I/O", "unable to open")):
             raise OSError(errno.ENOSPC, str(error), str(path)) from None
         raise BadInput(_broken(path, error)) from None
-    except (sqlite3.Error, zlib.error, ValueError, TypeError, KeyError, AttributeError) as error:
+    except DAMAGED as error:
         raise BadInput(_broken(path, error)) from None
 
 
@@ -84,44 +114,69 @@ class Store:
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
         self.path, self._db = path, connection
+        self.lock: FolderLock | None = None
 
     def close(self) -> None:
-        """Close it."""
+        """Close it, and let others write."""
         self._db.close()
+        if self.lock is not None:
+            self.lock.close()
+
+    def tables(self) -> set[str]:
+        """Names of its tables; none where nothing was ever written."""
+        with _used(self.path):
+            return {n for (n,) in self._db.execute("select name from sqlite_master")}
 
     def about(self) -> dict[str, Any]:
         """What the sweep is."""
         with _used(self.path):
-            return {k: json.loads(v) for k, v in self._db.execute("select key, value from about")}
+            rows = dict(self._db.execute("select key, value from about order by key"))
+            if not rows:
+                raise ValueError("it does not say of which sweep it is")
+            store.check_format(str(self.path), json.loads(rows.get("format", "null")))
+            _checked("what it says of its sweep", rows.pop(SUM, None), *_flat(rows))
+            return {k: json.loads(v) for k, v in rows.items()}
 
     def done(self) -> set[int]:
         """Numbers of the runs that ended."""
-        with _used(self.path):
-            return {int(k) for (k,) in self._db.execute("select run from runs")}
+        return {run for run, *_ in self.runs()}
 
     def units(self) -> dict[str, tuple[str, tuple[str, ...]]]:
         """Unit and row names of each metric."""
+        found = {}
         with _used(self.path):
-            rows = self._db.execute("select name, unit, rows from metrics order by rowid")
-            return {n: (u, tuple(json.loads(r))) for n, u, r in rows}
+            query = "select name, unit, rows, sum from metrics order by rowid"
+            for name, unit, rows, sum_ in self._db.execute(query):
+                _checked(f"the unit of {name}", sum_, name, unit, rows)
+                found[name] = (unit, tuple(json.loads(rows)))
+        return found
 
     def runs(self) -> Iterator[tuple[int, dict[str, float], dict[str, Any], str]]:
         """Number, numbers, metrics and failure of each run that ended, in order."""
+        known = self.units()
+        query = "select run, numbers, metrics, failed, sum from runs order by run"
         with _used(self.path):
-            rows = self._db.execute("select run, numbers, metrics, failed from runs order by run")
-            for run, numbers, metrics, failed in rows:
-                yield int(run), json.loads(numbers), json.loads(metrics), failed or ""
+            for run, numbers, metrics, failed, sum_ in self._db.execute(query):
+                _checked(f"run {run}", sum_, run, numbers, metrics, failed)
+                values = json.loads(metrics)
+                if not values.keys() <= known.keys():
+                    raise ValueError(f"run {run} has a metric without unit")
+                yield run, json.loads(numbers), values, failed or ""
 
     def log(self, run: int) -> dict[str, np.ndarray]:
         """Signals over time that were kept of a run."""
+        query = "select name, shape, data, sum from logs where run = ? order by rowid"
+        found = {}
         with _used(self.path):
-            rows = self._db.execute(
-                "select name, shape, data from logs where run = ? order by rowid", (run,)
-            )
-            return {
-                name: np.frombuffer(zlib.decompress(data), dtype="<f8").reshape(json.loads(shape))
-                for name, shape, data in rows
-            }
+            for name, shape, data, sum_ in self._db.execute(query, (run,)):
+                _checked(f"{name} of run {run}", sum_, run, name, shape, data)
+                values = np.frombuffer(zlib.decompress(data), dtype="<f8")
+                found[name] = values.reshape(json.loads(shape))
+            whole = self._db.execute("select 1 from runs where run = ? and failed is null", (run,))
+            wanted = self.about().get("logs", ())
+            if whole.fetchone() and not found.keys() >= set(wanted):
+                raise ValueError(f"run {run} has lost a log")
+        return found
 
     def longest(self) -> int:
         """Ticks of the longest log."""
@@ -130,12 +185,17 @@ class Store:
             return max((int(json.loads(s)[0]) for (s,) in shapes), default=0)
 
     def tell(self, about: Mapping[str, Any]) -> None:
-        """Keep what the sweep is."""
+        """Keep what the sweep is; in a new file the first of all that is written."""
         with _used(self.path), self._db:
-            self._db.executemany(
-                "insert or replace into about values (?, ?)",
-                [(k, json.dumps(store.plain(v))) for k, v in about.items()],
-            )
+            self._db.execute("begin immediate")
+            if not self.tables():
+                for table in _TABLES:
+                    self._db.execute(table)
+            rows = dict(self._db.execute("select key, value from about"))
+            rows |= {k: json.dumps(store.plain(v)) for k, v in about.items()}
+            rows.pop(SUM, None)
+            rows[SUM] = sum_of_row(*_flat(rows))
+            self._db.executemany("insert or replace into about values (?, ?)", rows.items())
 
     def tell_mixed(self, processors: Iterable[str]) -> None:
         """Keep that other processors than the first one computed runs too."""
@@ -149,21 +209,19 @@ class Store:
         with interrupts.hold_interrupts(), _used(self.path), self._db:
             for e in ended:
                 values = {n: store.plain(m.value) for n, m in e.metrics.items()}
-                self._db.executemany(
-                    "insert or ignore into metrics values (?, ?, ?)",
-                    [(n, m.unit, json.dumps(m.rows)) for n, m in e.metrics.items()],
-                )
-                self._db.executemany(
-                    "insert or ignore into logs values (?, ?, ?, ?)",
-                    [
-                        (e.run, n, json.dumps(v.shape), zlib.compress(v.astype("<f8").tobytes(), 1))
-                        for n, v in e.logs.items()
-                    ],
-                )
-                self._db.execute(
-                    "insert or ignore into runs values (?, ?, ?, ?)",
-                    (e.run, json.dumps(e.numbers), json.dumps(values), e.failed or None),
-                )
+                units = [(n, m.unit, json.dumps(m.rows)) for n, m in e.metrics.items()]
+                logs = [(e.run, n, json.dumps(v.shape), zlib.compress(v.astype("<f8").tobytes(), 1))
+                        for n, v in e.logs.items()]  # fmt: skip
+                run = (e.run, json.dumps(e.numbers), json.dumps(values), e.failed or None)
+                for table, rows in (("metrics", units), ("logs", logs), ("runs", [run])):
+                    self._put(table, rows)
+
+    def _put(self, table: str, rows: Iterable[tuple[Any, ...]]) -> None:
+        """Rows with their sums, where they are not there yet."""
+        with_sums = [(*row, sum_of_row(*row)) for row in rows]
+        if with_sums:
+            places = ", ".join("?" * len(with_sums[0]))
+            self._db.executemany(f"insert or ignore into {table} values ({places})", with_sums)
 
 
 def begin(
@@ -184,17 +242,16 @@ def begin(
     """
     store.check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    found = _opened(folder / file)
+    lock = FolderLock(folder)
+    found = None
     try:
+        found = _opened(folder / file)
+        found.lock = lock
         with _used(found.path):
-            found._db.executescript(_TABLES)
             found._db.execute("pragma journal_mode=wal")
             found._db.execute("pragma synchronous=normal")  # a killed process loses nothing
-        before = found.about()
-        if not before and found.done():
-            raise BadInput(_broken(found.path, "it has runs, and does not say of which sweep"))
+        before = found.about() if found.tables() else {}
         if before:
-            store.check_format(str(found.path), before.get("format"))
             now = {k: store.plain(v) for k, v in about.items()}
             if mixed:
                 found.tell_mixed([str(about.get("processor", ""))])
@@ -203,8 +260,8 @@ def begin(
             _same(folder, before, now, what)
         most = max(int(about["samples"]), int(before.get("samples", 0)))
         found.tell({"format": store.FORMAT, **about, "samples": most})
-    except (BadInput, OSError):
-        found.close()
+    except BaseException:
+        (found or lock).close()
         raise
     return found
 
@@ -215,17 +272,22 @@ def find(folder: Path) -> Store:
     Raises:
         BadInput: there is none, or it is no store.
     """
-    path = folder / FILE if folder.is_dir() else folder
-    if not path.is_file():
-        raise BadInput(f"there is no sweep in {folder}; slipctl sweep ... --out {folder} makes one")
+    path = folder / FILE if os.path.isdir(folder) else folder
+    if not os.path.isfile(path):
+        shown = str(folder) if len(str(folder)) <= 200 else f"{str(folder)[:200]}..."
+        raise BadInput(f"there is no sweep in {shown}; slipctl sweep ... --out {shown} makes one")
     found = _opened(path)
     try:
-        about = found.about()
+        found.about()
     except (BadInput, OSError):
         found.close()
         raise
-    store.check_format(str(path), about.get("format"))
     return found
+
+
+def _flat(rows: Mapping[str, str]) -> list[str]:
+    """Keys and values in one list, by the keys."""
+    return [text for key in sorted(rows) for text in (key, rows[key])]
 
 
 def _opened(path: Path) -> Store:
@@ -236,7 +298,8 @@ def _opened(path: Path) -> Store:
 
 
 def _broken(path: Path, error: object) -> str:
-    return f"{path} cannot be used as the store of a sweep: {error}; choose another --out"
+    said = " ".join(str(error).split()) or type(error).__name__
+    return f"{path} cannot be used as the store of a sweep: {said}; choose another --out"
 
 
 def _axes(axes: Any) -> str:

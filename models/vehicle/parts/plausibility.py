@@ -1,0 +1,87 @@
+"""Numbers of a vehicle's file that may be, and that no train has: what a run tells of them.
+
+What cannot be is refused where it is declared (``parts``). What is here runs, and is right for what
+was written. The ends are wide: they are for units and commas that slipped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from slipctl.models.vehicle.adhesion import heights_of_law
+from slipctl.models.vehicle.parts import SlipRatio, SlipSpeed, ToothWheel, Trip
+from slipctl.models.vehicle.trip import rail_law
+
+AXLE_LOAD = (1.5e3, 40e3)
+"""kg on an axle: a light railcar, and the heaviest ore wagons (37.5 t) with a margin."""
+
+TURNING = 0.4
+"""Share of a vehicle's mass that turns: 5 to 15 % of coaches, 25 to 35 % of locomotives."""
+
+DRAG = 0.5
+"""Deceleration in m/s^2 by running resistance: 0.1 at 300 km/h."""
+
+HEIGHTS = (0.01, 0.7)
+"""Peak adhesion: below that of leaves and ice, above that of dry rail (0.6 measured)."""
+
+FAST = 120.0
+"""Speed in m/s: the record on rails is 160."""
+
+SPARSE = 0.05
+"""Time in s between two teeth at the speed of the start."""
+
+
+def unusual_numbers(trip: Trip) -> Iterator[str]:
+    """What of a trip no train has, a line each."""
+    vehicle = trip.vehicle
+    mass = "vehicle.mass" if vehicle.mass is not None else "vehicle.tare"
+    mass = "vehicle.cars" if vehicle.cars else mass
+    load = max(vehicle.carried, key=lambda m: max(m / AXLE_LOAD[1], AXLE_LOAD[0] / m))
+    if not AXLE_LOAD[0] <= load <= AXLE_LOAD[1]:
+        yield f"{mass}: an axle carries {load / 1e3:.3g} t; on rails it is 1.5 to 40 t"
+    wheels = zip(vehicle.inertias, vehicle.radii, strict=True)
+    turning = sum(J / r**2 for J, r in wheels) / vehicle.total
+    if turning > TURNING:
+        name = "inertia" if vehicle.inertia is not None else "rotating_mass"
+        yield (
+            f"vehicle.{name}: what turns is as heavy as {100 * turning:.3g} % of the vehicle;"
+            " of trains it is 5 to 35 %"
+        )
+    a, b, c = vehicle.resistance.of(vehicle.total)
+    slows = (a + b * vehicle.speed + c * vehicle.speed**2) / vehicle.total
+    if slows > DRAG:
+        yield f"vehicle.resistance: it alone slows by {slows:.3g} m/s^2 at the start; of trains 0.1"
+    if vehicle.speed > FAST:
+        yield f"vehicle.speed: it begins at {3.6 * vehicle.speed:.4g} km/h"
+    if vehicle.mode == "brake" and vehicle.speed == 0:
+        yield "vehicle.speed: it stands at the start, and is braked"
+    yield from _heights(trip)
+    yield from _measured(trip)
+
+
+def _heights(trip: Trip) -> Iterator[str]:
+    """Rails with more or less adhesion than any, by their conditions."""
+    vehicle = trip.vehicle
+    law = rail_law(trip)
+    for name, height in heights_of_law(law, vehicle.speed, vehicle.mode == "drive").items():
+        where = f"rail.conditions.{name}" if name in trip.rail.conditions else f"rail.law, {name}"
+        if height < HEIGHTS[0]:
+            yield f"{where}: adhesion is {height:.3g} at most; of ice and leaves it is 0.02 or more"
+        elif height > HEIGHTS[1]:
+            yield f"{where}: adhesion is up to {height:.3g}; of dry rail it is at most 0.6"
+
+
+def _measured(trip: Trip) -> Iterator[str]:
+    """A slip that nobody reaches, a tooth wheel that tells next to nothing."""
+    vehicle, goal, part = trip.vehicle, trip.reference, trip.sensors.wheel_speed
+    if vehicle.mode == "brake" and isinstance(goal, SlipSpeed) and 0 < vehicle.speed < goal.slip:
+        yield f"reference.slip: {goal.slip:g} m/s is above the vehicle's speed; a wheel locks first"
+    if isinstance(goal, SlipRatio) and goal.slip > 0.5:
+        yield f"reference.slip: {goal.slip:g} of the speed; slip laws hold 0.01 to 0.3"
+    if isinstance(part, ToothWheel) and vehicle.speed > 0:
+        apart = 6.283 * vehicle.wheel_radius / part.teeth / vehicle.speed
+        if apart > SPARSE:
+            yield (
+                f"sensors.wheel_speed.teeth: a tooth passes every {1e3 * apart:.3g} ms at the"
+                " start; the speed of a wheel is not known in between"
+            )
