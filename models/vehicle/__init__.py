@@ -1,6 +1,7 @@
 """A vehicle of one's own, put together from parts: numbers in, closed loops out."""
 
 from slipctl.models.vehicle.parts import (
+    Air,
     Constant,
     Davis,
     DemandAlone,

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import lru_cache
 
-from casadi import fabs, fmax, fmin, if_else, logic_and
+from casadi import fabs, fmax, fmin
 
 from slipctl import (
     BadInput,
@@ -22,25 +22,26 @@ from slipctl import (
     Output,
     Param,
     Signal,
-    State,
     argmax,
     connect,
+    every,
     gated,
     law,
     make_block,
     replicate,
-    step,
 )
 from slipctl.block.units.unit_algebra import parse_quantity, unit
 from slipctl.errors import Faults, nearest
 from slipctl.estimate.model import unknown_parameters
 from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
-from slipctl.models.common_form import ADDED, T_S, Wheel
+from slipctl.models.common_form import ADDED, Wheel
 from slipctl.models.predictive.predictive_slip import predictive
 from slipctl.models.vehicle.containment import contained_block
 from slipctl.models.vehicle.failure import reference_with_floor, safe_command, sample, trust
 from slipctl.models.vehicle.parts import (
+    TICK,
+    Air,
     Controller,
     DemandAlone,
     OwnLaw,
@@ -54,20 +55,37 @@ from slipctl.models.vehicle.parts import (
     torque_of,
 )
 from slipctl.models.vehicle.ranges import of_inputs, searched_ranges, with_control_ranges
+from slipctl.models.vehicle.takeover import applied, demand_alone, wake, watch
+from slipctl.models.vehicle.valve_control import torque_to_bits, valves_at_rest
 from slipctl.study.resolve import load_block
 
-WINDOW = 16
-"""Ticks over which the adhesion is measured."""
+WINDOW = 0.016
+"""Time in s over which the adhesion is measured, and from one search for the best slip on."""
+
+
+def ticks_of(time: float, trip: Trip) -> int:
+    """Whole periods of the controllers, one at least, that are nearest to a time in s."""
+    return max(round(time / trip.control.period), 1)
+
+
+def at_period(block: Block, trip: Trip) -> Block:
+    """Control of a vehicle at the period of the trip, its sample times set to that."""
+    n = round(trip.control.period / TICK)
+    if n == 1:
+        return block
+    own = {k: trip.control.period for k in block.params
+           if k.rpartition(".")[2] in ("T", "T_s") and not k.startswith("estimator.")
+           and not block.params[k].derived and block.params[k].unit == "s"}  # fmt: skip
+    return every(block.with_params(**own), n)
 
 
 def wheel(trip: Trip, reference: Reference | None = None) -> Wheel:
     """Wheel of the vehicle, as a controller knows it."""
     vehicle, act = trip.vehicle, trip.actuator
     share = len(vehicle.worked)
-    lag = act.lag if hasattr(act, "lag") else (act.fill + act.vent) / 2
     return Wheel(
         J=vehicle.wheel_inertia, r=trip.one_radius, W=vehicle.total / vehicle.axles,
-        m=vehicle.total / share, g=vehicle.gravity, T_max=act.torque, tau=lag,
+        m=vehicle.total / share, g=vehicle.gravity, T_max=act.torque, tau=act.usual_lag,
         v_best=typical_slip(reference or trip.reference, vehicle.speed), v=max(vehicle.speed, 1.0),
     )  # fmt: skip
 
@@ -195,88 +213,6 @@ def fixed_reference(part: Reference) -> Block:
     return ratio
 
 
-def wake(always: bool) -> Block:
-    """Make what says whether slip control rules in this tick.
-
-    Args:
-        always: whenever it can, not only when an axle slips.
-    """
-
-    @law(
-        on=Output("1", "1 while slip control rules, else 0", lo=0, hi=1),
-        slips=Output("1", "1 while the wheel slips by more than rolling", lo=0, hi=1),
-        name="wake", choices={"always": always},
-    )  # fmt: skip
-    def waking(
-        ruling=Input("1", "1 where slip control ruled and goes on"),
-        v=Input("m/s", "vehicle speed that is believed"),
-        v_s=Input("m/s", "measured slip speed", positive="braking", per="speed"),
-        v_best=Input("m/s", "slip to go to", positive="braking", per="speed"),
-        ready=Input("1", "1 where slip control can go by the samples"),
-        share=Param("1", 0.5, "slip over its reference at which it takes over", ADDED, lo=0, hi=1),
-        least=Param("m/s", 0.3, "slip below which it does not, as noise is", ADDED, lo=0, hi=20),
-        v_off=Param("m/s", 1.0, "speed below which it is off", ADDED, lo=0, hi=200),
-    ):
-        """On from the first large slip, while it can go by the samples."""
-        slips = v_s > fmax(share * v_best, least)
-        can = logic_and(v >= v_off, ready > 0.5)
-        return dict(on=if_else(can, 1 if always else fmax(ruling, slips), 0), slips=slips)
-
-    return waking
-
-
-def watch(always: bool) -> Block:
-    """Make what says when slip control gives back.
-
-    Args:
-        always: it never does.
-    """
-
-    @step(on=Output("1", "1 while slip control rules, else 0"), name="watch",
-          choices={"always": always})  # fmt: skip
-    def watching(
-        ruling=State("1", 1.0 if always else 0.0, "1 while slip control rules"),
-        idle=State("s", 0.0, "how long the demand has been the smaller one"),
-        rules=Input("1", "1 while slip control rules, else 0"),
-        slips=Input("1", "1 while the wheel slips by more than rolling"),
-        T_wanted=Input("N m", "torque that slip control wants", positive="braking"),
-        T_demand=Input("N m", "torque that is demanded", positive="braking"),
-        rest=Param("s", 0.2, "time of ruling demand after which it gives back", ADDED, lo=0, hi=60),
-        T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
-    ):
-        """It gives back when the demand has been the smaller torque for a while."""
-        calm = logic_and(logic_and(rules > 0.5, T_wanted >= T_demand), slips < 0.5)
-        waited = if_else(calm, idle + T, 0)
-        stay = rules if always else if_else(waited >= rest, 0, rules)
-        return dict(ruling=stay, idle=waited), dict(on=rules)
-
-    return watching
-
-
-@law(T_cmd=Output("N m", "commanded torque", positive="braking", lo=0, hi="T_max"))
-def applied(
-    T_wanted=Input("N m", "torque that slip control wants", positive="braking"),
-    T_demand=Input("N m", "torque that is demanded", positive="braking"),
-    T=Input("N m", "torque at the wheel, as measured", positive="braking"),
-    on=Input("1", "1 while slip control rules"),
-    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
-    lead=Param("1", 1.0, "time constant of the actuator over the one it is to have", lo=1, hi=20),
-):
-    """The demand, or what slip control wants where that is less; see ``common_form.limits``."""
-    top = fmin(fmax(T_demand, 0), T_max)
-    led = T + lead * (fmin(T_max, fmax(0, T_wanted)) - T)
-    return if_else(on > 0.5, fmin(top, fmax(0, led)), top)
-
-
-@law(T_cmd=Output("N m", "commanded torque", positive="braking", lo=0, hi="T_max"), name="applied")
-def demand_alone(
-    T_demand=Input("N m", "torque that is demanded", positive="braking"),
-    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
-):
-    """The demand as it is, within the limits."""
-    return fmin(fmax(T_demand, 0), T_max)
-
-
 # ---- all of one axle -----------------------------------------------------------------------------
 
 
@@ -301,9 +237,11 @@ def slip_law(trip: Trip, part: Controller, w: Wheel) -> tuple[Block, bool]:
         names = ("ticks", "horizon", "slip", "change", "beyond", "rate", "pole", "smooth")
         settings = {n: getattr(part, n) for n in names}
         settings |= {n: int(settings[n]) for n in ("ticks", "horizon")}
-        return predictive(law_and_guess(searching)[0], **settings, gate=True)(w), True
+        return predictive(
+            law_and_guess(searching)[0], **settings, tick=trip.control.period, gate=True
+        )(w), True
     if isinstance(part, SlipLaw):
-        block = form.laws(driven)[part.kind](w)
+        block = form.laws(driven, trip.control.period)[part.kind](w)
     else:
         assert isinstance(part, OwnLaw)
         block = load_block(part.block)
@@ -332,13 +270,18 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
 
     Returns:
         Step from ``omega`` and ``T`` (torque of the actuator) of each axle, ``v`` and ``T_demand``
-        to ``T_cmd`` of each. Its inputs may be anything; see :mod:`slipctl.models.vehicle.failure`.
+        to ``T_cmd`` of each; of an air brake to its bits ``hold`` and ``vent`` too. Its inputs may
+        be anything; see :mod:`slipctl.models.vehicle.failure`. It runs every period of the trip.
     """
     w, axles = wheel(trip, getattr(part, "reference", None)), len(trip.vehicle.worked)
     if isinstance(part, DemandAlone):
         wires = {"apply.T_demand": "T_demand", "T_cmd": "apply.T_cmd"}
-        alone = connect("ctl", wires, apply=demand_alone.with_params(T_max=w.T_max))
-        return replicate(with_control_ranges(alone, trip, w), axles, ["T_demand"])
+        own: dict[str, Block] = {"apply": demand_alone.with_params(T_max=w.T_max)}
+        if isinstance(trip.actuator, Air):
+            own["valves"] = valves_at_rest
+            wires |= {"valves.T_cmd": "apply.T_cmd", "hold": "valves.hold", "vent": "valves.vent"}
+        alone = with_control_ranges(connect("ctl", wires, **own), trip, w)
+        return at_period(replicate(alone, axles, ["T_demand"]), trip)
     parts, wires = _axle(trip, part, w)
     parts["sample"], parts["safe"] = sample, safe_command(safe_output(trip)).with_params(
         v_off=trip.control.off, limit=trip.control.release,
@@ -350,6 +293,10 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
         "safe.ready": "trust.ready", "safe.sound": "law.sound", "safe.stands": "trust.stands",
         "safe.v": "trust.v", "T_cmd": "safe.T_cmd",
     }  # fmt: skip
+    wires["trust.T_cmd"] = "safe.T_h"
+    if isinstance(trip.actuator, Air):
+        more, others = torque_to_bits(trip)
+        parts, wires = parts | more, wires | others
     one = ("trust.v", "trust.demand")
     common = {k for k, source in wires.items() if source in one} | {"fall.a_R", "probe.limit"}
     copies = {
@@ -359,10 +306,12 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     judge = trust(axles, trip.vehicle.mode == "drive", **of_inputs(trip, w))
     wires |= {
         "trust.v": "v", "trust.omega": "omega", "trust.T_b": "T", "trust.T_demand": "T_demand",
-        "trust.T_cmd": "safe.T_h",
     }  # fmt: skip
     block = with_control_ranges(connect("ctl", wires, trust=judge, **copies), trip, w)
-    return block.with_params(**_numbers(block, w))
+    own = _numbers(block, w)
+    if isinstance(trip.actuator, Air):  # the bits explain the torque, so its model has no lag
+        own["trust.tau"] = TICK
+    return at_period(block.with_params(**own), trip)
 
 
 def safe_output(trip: Trip) -> str | float:
@@ -381,7 +330,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
     always = type(trip.demand).__name__ == "Most"
     parts: dict[str, Block] = {
         "slip": slip_from_speeds(trip.vehicle.mode == "drive"),
-        "meter": sensors.adhesion_meter(window=WINDOW, torque="sampled"),
+        "meter": sensors.adhesion_meter(window=ticks_of(WINDOW, trip), torque="sampled"),
         "force": form.force,
         "fall": form.fall,
         "law": contained_block(law_block if gated_inside else gated(law_block)),
@@ -416,7 +365,9 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
              "T_top": "trust.demand"}  # fmt: skip
     if isinstance(reference, Searched):
         curve, begin = law_and_guess(reference)
-        found, given = _searched(curve, tuple(begin.items()), reference.noise)
+        found, given = _searched(
+            curve, tuple(begin.items()), reference.noise, ticks_of(WINDOW, trip)
+        )
         inner = dict(given)
         peak = typical_slip(reference, trip.vehicle.speed)
         parts["reference"] = reference_with_floor(peak, of_inputs(trip, w)["gate"] - 0.1)
@@ -446,10 +397,10 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
 
 @lru_cache(maxsize=8)
 def _searched(
-    curve: Block, begin: tuple[tuple[str, float], ...], noise: float
+    curve: Block, begin: tuple[tuple[str, float], ...], noise: float, ticks: int
 ) -> tuple[Mapping[str, Block], Mapping[str, str]]:
     """Parts that find the best slip, and their wires; made once for all controllers of a trip."""
-    parts, wires = best_slip.search_parts(curve, dict(begin), noise)
+    parts, wires = best_slip.search_parts(curve, dict(begin), noise, ticks)
     return parts | searched_ranges(parts, curve, dict(begin)), wires
 
 

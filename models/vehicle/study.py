@@ -7,7 +7,7 @@ from typing import Any
 
 from slipctl.models.vehicle.certificate import axle_loops
 from slipctl.models.vehicle.certificate.gains import gains, reasons_without_certificate
-from slipctl.models.vehicle.parts import Trip, number_with_unit
+from slipctl.models.vehicle.parts import Air, DemandAlone, Trip, number_with_unit
 from slipctl.models.vehicle.trip import case
 from slipctl.run.roles import Signals
 from slipctl.run.sweep.ensemble import Ensemble
@@ -24,9 +24,15 @@ LOG = (
     "slip.y", "plant.T", "plant.T_cmd", "demand.T_demand", "demand.wanted", "ctl.T_cmd",
     "ctl.watch.on", "ctl.probe.reference", "ctl.reference.v_best", "ctl.slip.v_s", "ctl.meter.mu_m",
     "ctl.curve.mu", "speed.y", "speed.v_m", "speed.error", "speed.sound", "radius.r_i",
-    "radius.known", "wheel.y", "wheel.omega_m",
+    "radius.known", "wheel.y", "wheel.omega_m", "plant.pressure",
+    "plant.act.hold", "plant.act.vent", "plant.act.switched", "plant.air.used", "plant.air.left",
+    "ctl.hold", "ctl.vent",
 )  # fmt: skip
 """Signals that a log keeps of every loop."""
+
+
+BITS = "it acts by the bits of two valves; a certificate is made for a torque that follows a lag"
+"""Why a controller of an air brake has no certificate."""
 
 
 def _speeds(results: Any) -> Any:
@@ -86,12 +92,17 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         f" {vehicle.total / 1e3:g} t on {vehicle.axles} axles, at the start at"
         f" {3.6 * vehicle.speed:.4g} km/h."
     )
+    asked, why = (*gains(trip), *axle_loops.gains(trip)), reasons_without_certificate(trip)
+    why = axle_loops.reasons_without_certificate(trip, why)
+    if isinstance(trip.actuator, Air):
+        asked = ()
+        why = {n: why[n] if isinstance(part, DemandAlone) else BITS
+               for n, part in trip.controllers.items()}  # fmt: skip
     return Study(
         name=name, title=trip.title, source=source, doc=doc, cases=cases,
         signals=replace(SIGNALS, mirrored=vehicle.mode == "drive"),
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
-        ensembles=ensembles, gains=(*gains(trip), *axle_loops.gains(trip)),
-        uncertified=axle_loops.reasons_without_certificate(trip, reasons_without_certificate(trip)),
+        ensembles=ensembles, gains=asked, uncertified=why,
         without_effect=tuple(parts_without_effect(trip)),
         figures={
             "speeds": Figure("Speed of the vehicle and of a rim", _speeds),

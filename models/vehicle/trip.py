@@ -48,6 +48,8 @@ from slipctl.models.vehicle.adhesion import law_faults
 from slipctl.models.vehicle.control import numbers_of, vehicle_control
 from slipctl.models.vehicle.parts import (
     STANDSTILL,
+    TICK,
+    Air,
     Constant,
     Controller,
     Exact,
@@ -272,9 +274,13 @@ def loop(trip: Trip, controller: Controller | str, common: Common | None = None)
     wires = {
         "demand.x": "plant.train.x",
         "ctl.T_demand": "demand.T_demand",
-        "plant.T_cmd": "ctl.T_cmd",
         "slip.u": "plant.train.v_s",
     }
+    if isinstance(trip.actuator, Air):
+        wires |= {"plant.hold": "ctl.hold", "plant.vent": "ctl.vent",
+                  "plant.T_demand": "demand.T_demand"}  # fmt: skip
+    else:
+        wires["plant.T_cmd"] = "ctl.T_cmd"
     if "omega" in ctl.inputs:
         measured = _one_radius(trip, parts, _wheel_speed(trip, parts))
         wires |= {"ctl.T": "plant.T"} | measured
@@ -360,6 +366,7 @@ def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
         hits = [n for p in patterns for n in names if fnmatchcase(n, p)]
         return [n for n in dict.fromkeys(hits) if not n.startswith("ctl.estimator.")]
 
+    air = isinstance(trip.actuator, Air)
     apart = "r" in parts["plant"].params or len(set(trip.vehicle.radii)) > 1
     own = places("ctl.law.m") if "law.m_law" not in parts["ctl"].params else []
     shared: dict[str, list[str]] = {
@@ -369,7 +376,10 @@ def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
         "J": places("plant.train.J", "*.J"),
         **_radii(trip, apart, places),
         "g": places("plant.g", "*.g"),
-        "T": places("*.T", "*.T_s"),
+        "T": places("*.T", "*.T_s")
+        if trip.control.period == TICK
+        else [n for n in places("*.T", "*.T_s") if not n.startswith("ctl.")],
+        "T_ctl": places("ctl.*.T", "ctl.*.T_s") if trip.control.period != TICK else [],
         "slope": places("plant.grade.slope"),
     }
     if isinstance(trip.actuator, Lag):
@@ -377,7 +387,11 @@ def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
         shared["tau"] = places("plant.act.tau", "*.tau")
     else:
         shared["T_max"] = places("*.T_max")
-        shared["tau"] = places("*.tau")
+        for n in ("p_full", "k_f", "k_v"):  # what the controllers know of the brake follows it
+            shared[n] = places(f"plant.act.cylinder.{n}", f"ctl.*.{n}")
+        shared["pulse"] = places("plant.act.valves.pulse", "ctl.*.pulse")
+        shared["p_s"] = places("plant.air.p_s", "ctl.*.p_s")
+        shared["tau"] = [n for n in places("*.tau") if n != "ctl.trust.tau" or not air]
     shared["v_start"] = ["plant.train.v", *places("*.v_start", "speed.u_start")]
     turn = "-1 * " if trip.vehicle.mode == "drive" else ""
     begins = places(

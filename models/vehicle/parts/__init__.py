@@ -5,7 +5,7 @@ meaning and range. A part of several kinds says which with ``kind``. A file (doc
 has these names and no others, so what is declared here is all that a reader needs to know.
 """
 
-from slipctl.models.vehicle.parts.actuator import Actuator, Lag, Valve
+from slipctl.models.vehicle.parts.actuator import Actuator, Air, Lag, Valve
 from slipctl.models.vehicle.parts.controllers import (
     SLIP_LAWS,
     Controller,

@@ -7,8 +7,10 @@ from dataclasses import MISSING, dataclass, field
 from typing import Literal
 
 from slipctl.models.vehicle.parts.declaration import (
+    TICK,
     Fault,
     Part,
+    faults_off_ticks,
     number,
     off_range,
     text_field,
@@ -53,6 +55,7 @@ Reference = Searched | SlipSpeed | SlipRatio
 class SlipControl(Part):
     """When slip control takes over from the demand, and when it gives back."""
 
+    period: float = number("s", TICK, "of the controllers, in Python and in C", lo=TICK, hi=0.1)
     wake: float = number("1", 0.5, "slip over the reference at which it takes over", lo=0, hi=1)
     least: float = number("m/s", 0.3, "slip below which it does not take over", lo=0, hi=20)
     rest: float = number("s", 0.2, "time of ruling demand after which it gives back", lo=0, hi=10)
@@ -78,7 +81,8 @@ class SlipControl(Part):
     )  # fmt: skip
 
     def misfits(self) -> Iterator[Fault]:
-        """A safe output or a demand that is neither a word that there is nor a torque."""
+        """A period off the tick; a safe output or a demand that is neither a word nor a torque."""
+        yield from faults_off_ticks("period", self.period)
         for name, words in (("safe", ("demand", "hold")), ("demand_lost", ("largest",))):
             given = getattr(self, name)
             if isinstance(given, str) and given not in ("", *words):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass
 
-from slipctl.models.vehicle.parts.actuator import Actuator, Valve
+from slipctl.models.vehicle.parts.actuator import Actuator, Lag
 from slipctl.models.vehicle.parts.controllers import Controller, Reference, Searched, SlipControl
 from slipctl.models.vehicle.parts.declaration import (
     STANDSTILL,
@@ -128,8 +128,9 @@ class Trip(Part):
             yield f"demand.{other}", f"the vehicle's mode is {self.vehicle.mode!r}; write {wanted}"
         if not self.controllers:
             yield "controllers", "there is no controller; kind = 'none' applies the demand alone"
-        if isinstance(self.actuator, Valve) and self.vehicle.mode == "drive":
-            yield "actuator.kind", "a valve brakes; a driven vehicle takes kind = 'lag'"
+        if self.vehicle.mode == "drive" and not isinstance(self.actuator, Lag):
+            what = "a valve" if self.actuator.kind == "valve" else "air"
+            yield "actuator.kind", f"{what} brakes; a driven vehicle takes kind = 'lag'"
         believed, worked = self.control.radius, len(self.vehicle.worked)
         if isinstance(believed, (list, tuple)) and len(believed) != worked:
             yield (
