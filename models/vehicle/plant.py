@@ -212,7 +212,7 @@ def motor_limit(part: Lag, radius: float) -> Block:
     return limit
 
 
-def plant(vehicle: Vehicle, part: Actuator, adhesion: Block) -> Block:
+def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None = None) -> Block:
     """Connect actuators, axles, resistance and contact.
 
     Its input is ``T_cmd``, the command of each axle that has an actuator, seen as a braked one; of
@@ -223,13 +223,16 @@ def plant(vehicle: Vehicle, part: Actuator, adhesion: Block) -> Block:
         vehicle: numbers of the vehicle.
         part: actuator of an axle.
         adhesion: law of the rail.
+        field: what the rail under each axle is like, where it remembers; see
+            ``slipctl.models.wheel_rail.rail_memory``.
     """
     worked, driven = vehicle.worked, vehicle.mode == "drive"
     n, many = vehicle.axles, len(worked)
     apart = ["T_b"] * (not driven) + ["r"] * (len(set(vehicle.radii)) > 1)
     axles = Axles((1,) * n, vehicle.behind, tuple(driven and k in worked for k in range(n)))
     r: Any = np.array(vehicle.radii) if "r" in apart else vehicle.wheel_radius
-    train = rolling(on_train(adhesion), axles, T_S, apart=apart, standing=True).with_params(
+    law_ = adhesion if field is not None else on_train(adhesion)
+    train = rolling(law_, axles, T_S, apart=apart, standing=True).with_params(
         m=vehicle.total, m_axle=vehicle.total / n, J=vehicle.wheel_inertia, r=r,
         g=vehicle.gravity, B_t=0.0, v=vehicle.speed,
     )  # fmt: skip
@@ -260,4 +263,8 @@ def plant(vehicle: Vehicle, part: Actuator, adhesion: Block) -> Block:
         wires |= {"motor.u": torque, "train.T": "motor.y"}
     else:
         wires["train.T_b"] = torque
+    if field is not None:
+        parts["field"] = field
+        wires |= {"field.at": "train.at", "field.way": "train.way", "field.P": "train.P_contact"}
+        wires |= {f"train.{name}": f"field.{name}" for name in ("recovered", "height")}
     return connect("plant", wires, share={"m": "*.m", "g": "*.g"}, **parts)

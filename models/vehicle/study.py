@@ -7,7 +7,7 @@ from typing import Any
 
 from slipctl.models.vehicle.certificate import axle_loops
 from slipctl.models.vehicle.certificate.gains import gains, reasons_without_certificate
-from slipctl.models.vehicle.parts import Air, DemandAlone, Trip, number_with_unit
+from slipctl.models.vehicle.parts import Air, Trip, number_with_unit
 from slipctl.models.vehicle.trip import case
 from slipctl.run.roles import Signals
 from slipctl.run.sweep.ensemble import Ensemble
@@ -26,7 +26,8 @@ LOG = (
     "ctl.curve.mu", "speed.y", "speed.v_m", "speed.error", "speed.sound", "radius.r_i",
     "radius.known", "wheel.y", "wheel.omega_m", "plant.pressure",
     "plant.act.hold", "plant.act.vent", "plant.act.switched", "plant.air.used", "plant.air.left",
-    "ctl.hold", "ctl.vent",
+    "ctl.hold", "ctl.vent", "plant.field.recovered", "plant.field.height", "plant.field.W_seen",
+    "plant.train.P_contact",
 )  # fmt: skip
 """Signals that a log keeps of every loop."""
 
@@ -65,6 +66,17 @@ def parts_without_effect(trip: Trip) -> Iterator[str]:
         yield f"demand.until: {until} is not before the end of the run, {trip.duration:g} s"
 
 
+NO_LAYER = (
+    "the rail is contaminated, and no certificate bounds an adhesion that wheels change; leave out"
+    " [rail.contamination] and name the layer as a rail condition"
+)
+
+
+def reasons(trip: Trip) -> dict[str, str]:
+    """Why a controller has no certificate, by its name."""
+    return axle_loops.reasons_without_certificate(trip, reasons_without_certificate(trip))
+
+
 def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own") -> Study:
     """Make the study of a trip, which ``slipctl run`` runs.
 
@@ -92,12 +104,11 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         f" {vehicle.total / 1e3:g} t on {vehicle.axles} axles, at the start at"
         f" {3.6 * vehicle.speed:.4g} km/h."
     )
-    asked, why = (*gains(trip), *axle_loops.gains(trip)), reasons_without_certificate(trip)
-    why = axle_loops.reasons_without_certificate(trip, why)
-    if isinstance(trip.actuator, Air):
-        asked = ()
-        why = {n: why[n] if isinstance(part, DemandAlone) else BITS
-               for n, part in trip.controllers.items()}  # fmt: skip
+    asked, why = (*gains(trip), *axle_loops.gains(trip)), reasons(trip)
+    for unlike, said in ((isinstance(trip.actuator, Air), BITS),
+                         (trip.rail.contamination is not None, NO_LAYER)):  # fmt: skip
+        if unlike:
+            asked, why = (), dict.fromkeys(trip.controllers, said)
     return Study(
         name=name, title=trip.title, source=source, doc=doc, cases=cases,
         signals=replace(SIGNALS, mirrored=vehicle.mode == "drive"),

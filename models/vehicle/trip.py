@@ -45,6 +45,12 @@ from slipctl.errors import Faults, nearest
 from slipctl.models import sensors
 from slipctl.models.common_form import ADDED, T_S
 from slipctl.models.vehicle.adhesion import law_faults
+from slipctl.models.vehicle.contamination import (
+    READS,
+    contaminated_law,
+    field_of_rail,
+    peaks_under_axles,
+)
 from slipctl.models.vehicle.control import numbers_of, vehicle_control
 from slipctl.models.vehicle.parts import (
     STANDSTILL,
@@ -210,7 +216,8 @@ class Common:
     @cached_property
     def plant(self) -> Block:
         """Vehicle on its rail."""
-        return plant(self.trip.vehicle, self.trip.actuator, rail_law(self.trip))
+        law = contaminated_law(self.trip, rail_law(self.trip))
+        return plant(self.trip.vehicle, self.trip.actuator, law, field_of_rail(self.trip))
 
     @cached_property
     def demand(self) -> Block:
@@ -469,6 +476,8 @@ def best(block: Block, condition: str) -> tuple[float, float]:
 def best_of_rail(trip: Trip) -> dict[str, Known]:
     """Best slip and adhesion of the rail under each axle, for the log; slip where it works."""
     block = rail_law(trip)
+    if trip.rail.contamination is not None:
+        return _best_of_layer(trip, block)
     found = [best(block, s.condition or "") for s in rail(trip).sections]
     behind = trip.vehicle.behind
     worked = tuple(behind[k] for k in trip.vehicle.worked)
@@ -477,6 +486,27 @@ def best_of_rail(trip: Trip) -> dict[str, Known]:
         return {"rail.best_adhesion": peak}
     place = Known("m/s", [a for a, _ in found], "best slip, as the rail has it", worked)
     return {"rail.best_slip": place, "rail.best_adhesion": peak}
+
+
+def _best_of_layer(trip: Trip, block: Block) -> dict[str, Known]:
+    """Best slip and adhesion under each axle of a contaminated rail, which follow from the log."""
+    track, behind = rail(trip), trip.vehicle.behind
+
+    def section(log: Any) -> np.ndarray:
+        x = np.asarray(log["plant.train.x"], dtype=float)[:, None] - np.array(behind)
+        at = x if trip.rail.placed else np.asarray(log["time"], dtype=float)[:, None] + 0 * x
+        found = np.searchsorted(track.starts, at + 1e-9, side="right") - 1
+        return np.asarray(np.maximum(found, 0))
+
+    found = peaks_under_axles(trip, block, [s.condition or "" for s in track.sections], section)
+    reads = ("time", "plant.train.x", *READS)
+    worked = list(trip.vehicle.worked)
+    return {
+        "rail.best_slip": Known("m/s", lambda log: found(log)[0][:, worked], "best slip, as the"
+                                " rail has it", tuple(behind[k] for k in worked), reads),
+        "rail.best_adhesion": Known("1", lambda log: found(log)[1], "peak of the rail", behind,
+                                    reads),
+    }  # fmt: skip
 
 
 def case(trip: Trip, name: str = "trip") -> Case:

@@ -27,6 +27,10 @@ its brake takes.
 F_i is one number in both equations, so that with the mean speeds of the step, as an identity,
 
     change of (M v^2/2 + sum n_i J_i omega_i^2/2) = h (P_drive - P_brake - P_bearing - P_slip - P_d)
+
+A law may have inputs beside v_s and v: what the rail under each axle is like, see
+models/wheel_rail/rail_memory.py. Then the train tells the heat of each contact and the way of the
+step, of which a rail that remembers makes its next state.
 """
 
 from collections.abc import Mapping, Sequence
@@ -119,7 +123,8 @@ def rolling(
     over the step. The parameters of the law that its rail conditions set are one per axle.
 
     Args:
-        adhesion: law from ``v_s`` and ``v`` to ``mu``; |mu| <= 1.
+        adhesion: law from ``v_s`` and ``v`` to ``mu``; |mu| <= 1. Its other inputs are inputs of
+            the train, one for each axle.
         axles: see :class:`Axles`.
         h: step in s.
         distinct: further parameters of the law of which each axle has its own.
@@ -135,7 +140,7 @@ def rolling(
     """
     for name in apart:
         refuse_unknown_choice("rolling", "apart", name, ("r", "T_b"))
-    if set(adhesion.inputs) != {"v_s", "v"} or "mu" not in adhesion.outputs:
+    if not {"v_s", "v"} <= set(adhesion.inputs) or "mu" not in adhesion.outputs:
         raise BadInput(
             f"{adhesion.name} has the inputs {', '.join(adhesion.inputs)}; an adhesion law under a"
             ' train has v_s and v=Input("m/s", "train speed"), used or not, and gives mu'
@@ -145,6 +150,9 @@ def rolling(
     own = [f"adh.{k}" for k in with_derived(adhesion, surface | set(distinct))]
     law_params = [s.named(f"adh.{k}") for k, s in adhesion.params.items()]
     law_params = [signal_of_copies(s, n) if s.name in own else s for s in law_params]
+    beside = [signal_of_copies(s, n) for k, s in adhesion.inputs.items() if k not in ("v_s", "v")]
+    law_given = [*law_params, *beside]
+    apart_in_law = (*own, *(s.name for s in beside))
 
     def each(signal: Signal, name: str, **changes: Any) -> Signal:
         return replace(signal_of_copies(signal.named(name), n), **changes)
@@ -160,6 +168,7 @@ def rolling(
         each(stopping, "T_b") if "T_b" in apart else stopping.named("T_b"),
         Input("N", "running resistance", value=0.0, positive="braking").named("F_d"),
     ]
+    inputs += beside
     if motors:
         torque = Input("N m", "torque of a motor, at its axle", value=0.0, **traction)
         inputs.append(signal_of_copies(torque.named("T"), driven, "driven"))
@@ -201,12 +210,18 @@ def rolling(
     if motors:
         speed = Output("rad/s", "speed of a driven axle").named("omega_d")
         outputs.append(signal_of_copies(speed, driven, "driven"))
+    if beside:
+        outputs += [
+            each(Output("W", "power that the contact of an axle takes"), "P_contact"),
+            Output("m", "way of this step").named("way"),
+            each(Output("m", "place of an axle"), "at"),
+        ]
     settle = adhesion.of_equations(
-        ("settle", n, h, tuple(own), standing),
-        lambda: _settle(adhesion, own, law_params, n, h, standing),
+        ("settle", n, h, apart_in_law, standing),
+        lambda: _settle(adhesion, apart_in_law, law_given, n, h, standing),
     )
     peaks = adhesion.of_equations(
-        ("peaks", n, tuple(own)), lambda: _peaks(adhesion, own, law_params, n)
+        ("peaks", n, apart_in_law), lambda: _peaks(adhesion, apart_in_law, law_given, n)
     ) if standing else None  # fmt: skip
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
@@ -221,6 +236,7 @@ def rolling(
         free = r / a * (p["J"] / h * omega + T - stop)
         v_s = r * omega - v
         N, law = p["m_axle"] * p["g"], [p[s.name] for s in law_params]
+        law += [u[s.name] for s in beside]
         at, height = peaks(v, *law) if peaks is not None else ([], [])
         F, locked, residual = settle(
             v_s, v, free, a / r**2, N, ca.sign(stop), count, h / m, u["F_d"],
@@ -260,6 +276,9 @@ def rolling(
         )
         if motors:
             outputs["omega_d"] = omega[list(motors)]
+        if beside:
+            outputs |= {"P_contact": count * F * (r * mean - v_mean), "way": h * v_mean}
+            outputs["at"] = x["x"] - p["behind"]
         return dict(x=x["x"] + h * v_mean, v=v_next, omega=omega_next), outputs
 
     def rebuild(parts: dict[str, Block]) -> Block:
@@ -304,6 +323,14 @@ def _stand(push: Any, hold: Any, most: Any, need: Any, count: Any) -> tuple[Any,
     return stands, lo + ca.fmax(0, ca.fmin(share, 1)) * (hi - lo)
 
 
+def _adhesion(law: Block, v_s: Any, v: Any, values: Sequence[Any]) -> Any:
+    """Adhesion of a law at a creep, with the values of its parameters and of its other inputs."""
+    p = dict(zip(law.params, values, strict=False))
+    others = [k for k in law.inputs if k not in ("v_s", "v")]
+    u = dict(zip(others, values[len(p) :], strict=True))
+    return law.expr({}, {"v_s": v_s, "v": v, **u}, p)[1]["mu"]
+
+
 def _peaks(
     adhesion: Block, own: Sequence[str], law_params: Sequence[Signal], n: int
 ) -> ca.Function:
@@ -313,8 +340,7 @@ def _peaks(
     values = [ca.SX.sym(name) for name in names]
     best, height = ca.SX(PEAKS[0]), ca.SX(0)
     for s in PEAKS:
-        p = dict(zip(adhesion.params, values, strict=True))
-        mu = ca.fabs(adhesion.expr({}, {"v_s": ca.SX(s), "v": v}, p)[1]["mu"])
+        mu = ca.fabs(_adhesion(adhesion, ca.SX(s), v, values))
         best, height = ca.if_else(mu > height, s, best), ca.fmax(mu, height)
     one = ca.Function("peak", [v, *values], [best, height], {"cse": True})
     once = [0, *(1 + j for j, name in enumerate(names) if name not in own)]
@@ -341,8 +367,7 @@ def _axle(adhesion: Block, names: Sequence[str], standing: bool = False) -> dict
         for n in ("v_next", "v", "free", "k", "N", "hold", *(["peak"] * standing), *names)
     ]
     peak = values.pop(0) if standing else None
-    p = dict(zip(adhesion.params, values, strict=True))
-    mu = adhesion.expr({}, {"v_s": z, "v": v}, p)[1]["mu"]
+    mu = _adhesion(adhesion, z, v, values)
     curve = ca.Function("curve", [z, *q], [mu, ca.gradient(mu, z)], {"cse": True})
     beta, reach = free - v_next, N / k
     lo, hi = beta - reach, beta + reach

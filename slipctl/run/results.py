@@ -29,12 +29,14 @@ class Known:
         doc: meaning in words.
         behind: places of axles behind the one that the rail counts by, in m, for a column per axle;
             none for the rail under that one alone.
+        reads: signals of the log that a function needs; none given, all are kept for it.
     """
 
     unit: str
     values: float | Sequence[float] | Callable[[xarray.Dataset], np.ndarray]
     doc: str = ""
     behind: tuple[float, ...] = ()
+    reads: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_kinds("Known", Known, vars(self))
@@ -52,6 +54,8 @@ def known_column(known: Known, rail: Rail | None, where: Any, log: Any) -> np.nd
     values: Any = known.values
     if callable(values):
         values = np.asarray(values(log), dtype=float)
+        if known.behind:
+            return np.asarray(values)
     elif isinstance(values, Sequence):
         if rail is None or where is None:
             values = values[0]

@@ -31,7 +31,7 @@ from slipctl.models.vehicle.parts.declaration import (
     torque_of,
 )
 from slipctl.models.vehicle.parts.demand import Constant, Most, Profile
-from slipctl.models.vehicle.parts.rail import Slope, Stretch, Track
+from slipctl.models.vehicle.parts.rail import Contamination, Patch, Slope, Stretch, Track
 from slipctl.models.vehicle.parts.sensors import (
     Exact,
     NoisySpeed,

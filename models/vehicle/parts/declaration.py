@@ -19,13 +19,15 @@ Fault = tuple[str, str]
 
 def number(
     unit: str, value: Any = MISSING, doc: str = "", *, lo: float = -math.inf, hi: float = math.inf,
-    by: str = "",
+    by: str = "", key: str = "",
 ) -> Any:  # fmt: skip
     """Declare a number of a part, or a list of them; without ``value`` it must be given.
 
     With ``by`` it may be told by another quantity too, ``by="kg"`` takes N/kg for N; see ``Each``.
+    ``key`` is its name in a file, where Python has no such name.
     """
     meta = {"unit": unit, "doc": doc, "lo": lo, "hi": hi} | ({"by": by} if by else {})
+    meta |= {"key": key} if key else {}
     return field(default=value, metadata=meta)
 
 

@@ -34,6 +34,54 @@ class Slope(Part):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Patch(Part):
+    """A stretch of rail under a layer: leaves, rust and water, oil."""
+
+    begin: float = number("m", MISSING, "where it begins", lo=-1e6, hi=1e6, key="from")
+    end: float = number("m", MISSING, "where it ends", lo=-1e6, hi=1e6, key="to")
+    peak: float | None = number(
+        "1", None, "largest adhesion there, instead of the one of all places", lo=1e-3, hi=1
+    )
+
+    def misfits(self) -> Iterator[Fault]:
+        """An end that is not behind the beginning."""
+        if self.end <= self.begin:
+            yield (
+                "to",
+                f"is {self.end:g} m, the place begins at {self.begin:g} m; write a larger one",
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contamination(Part):
+    """A layer on the rail, which wheels that slide clean for the wheels behind them."""
+
+    law: str = text_field("", "creep law under the layer; none is the law of the rail")
+    condition: str = text_field("", "condition of that law; none is the law as it stands")
+    numbers: Mapping[str, float | str] = text_field({}, "parameters of that law")
+    peak: float | None = number(
+        "1", None, "largest adhesion of the layer at the speed at the start; none: as it is",
+        lo=1e-3, hi=1,
+    )  # fmt: skip
+    tau: float = number(
+        "m/J", 3.4e-5, "strength of the cleaning: 1 by the energy per metre of one rail that"
+        " recovers 63 %; 0 cleans nothing", lo=0, hi=1,
+    )  # fmt: skip
+    layers: float = number(
+        "1", 1.0, "1 recovers at once, 2 late: both layers have to go", lo=1, hi=10
+    )
+    own: bool = text_field(False, "whether a wheel finds what it cleans itself")
+    drying: float | None = number(
+        "s", None, "time in which the layer dries by itself", lo=1, hi=1e6
+    )
+    fouling: float | None = number(
+        "s", None, "time in which cleaned rail is fouled again", lo=1, hi=1e6
+    )
+    cell: float = number("m", 0.25, "length over which the energy is averaged", lo=0.15, hi=5)
+    places: tuple[Patch, ...] = text_field((), "where the layer is; none: everywhere")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Track(Part):
     """Adhesion law of the rail, its conditions, and where each is."""
 
@@ -45,6 +93,7 @@ class Track(Part):
     gradient: float | tuple[Slope, ...] = number(
         "1", 0.0, "rise over run, uphill positive; or sections of it", lo=-0.1, hi=0.1
     )
+    contamination: Contamination | None = text_field(None, "a layer on the rail; none: it is clean")
 
     def wrong(self) -> Iterator[Fault]:
         """Numbers off range; sections that do not follow each other."""
@@ -80,3 +129,10 @@ class Track(Part):
     def placed(self) -> bool:
         """Whether the sections lie along the track, not in time."""
         return bool(self.sections) and self.sections[0].place is not None
+
+    @property
+    def falls(self) -> bool:
+        """Whether the track goes downhill anywhere."""
+        given = self.gradient
+        slopes = [s.gradient for s in given] if isinstance(given, tuple) else [given]
+        return min(slopes) < 0

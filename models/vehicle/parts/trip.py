@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass
+from itertools import pairwise
 
 from slipctl.models.vehicle.parts.actuator import Actuator, Lag
 from slipctl.models.vehicle.parts.controllers import Controller, Reference, Searched, SlipControl
@@ -141,6 +143,30 @@ class Trip(Part):
             yield "control.learn", "one axle has no ratio to learn"
         if isinstance(self.sensors.vehicle_speed, WheelsOnly) and self.vehicle.axles < 2:
             yield "sensors.vehicle_speed", "one axle that slips tells no speed; use another kind"
+        yield from self._misplaced()
         for name in self.controllers:
             if not name.isidentifier() or name == "ideal":
                 yield f"controllers.{name}", "write a name of letters, digits and _; not 'ideal'"
+
+    def _misplaced(self) -> Iterator[Fault]:
+        """Cells that two axles would share; contaminated places where no wheel gets."""
+        layer, behind = self.rail.contamination, self.vehicle.behind
+        if layer is None:
+            return
+        apart = min((b - a for a, b in pairwise(behind)), default=math.inf)
+        if layer.cell > apart:
+            yield (
+                "rail.contamination.cell",
+                f"{layer.cell:g} m is more than the {apart:g} m between two axles, which would be"
+                f" in one cell; write '{apart:g} m' or less",
+            )
+        found = number_with_unit(self.end, "m") if self.end else ""
+        last = found[0] if isinstance(found, tuple) else math.inf
+        if self.vehicle.mode == "brake" and not self.rail.falls:
+            last = min(last, self.vehicle.speed * self.duration)
+        for k, place in enumerate(layer.places):
+            where = f"rail.contamination.places.{k}"
+            if place.begin >= last:
+                yield f"{where}.from", f"is {place.begin:g} m, and the run ends at {last:g} m"
+            if place.end <= -behind[-1]:
+                yield f"{where}.to", f"is {place.end:g} m, behind the last axle at the start"

@@ -233,7 +233,9 @@ class Measured:
         return Measured, (*made_of, self.world, self.runs)
 
     def __post_init__(self) -> None:
-        wanted = None if any(callable(k.values) for k in self.known.values()) else self._read()
+        asked = [k for k in self.known.values() if callable(k.values)]
+        reads = [n for k in asked for n in k.reads]
+        wanted = self._read(reads) if all(k.reads for k in asked) else None
         self._run = prepare(
             self.loop, self.scenario, compile=self.compile, log=wanted, runs=self.runs
         )
@@ -251,9 +253,9 @@ class Measured:
             if there[name].shape:
                 raise BadInput(f"{name} has shape {there[name].shape}; --log keeps single numbers")
 
-    def _read(self) -> list[str]:
+    def _read(self, reads: Sequence[str] = ()) -> list[str]:
         """Signals that metrics or a log may ask for; to keep others takes a tenth of a run."""
-        asked = {*self.logs, self.scenario.rail.by if self.scenario.rail else ""}
+        asked = {*self.logs, *reads, self.scenario.rail.by if self.scenario.rail else ""}
         waiting: list[Any] = list(vars(self.signals).values())
         while waiting:
             value = waiting.pop()
@@ -307,7 +309,7 @@ class Measured:
         rail = scenario.rail
         where = None if rail is None else place(seen, rail, self.signals)
         for name, known_ in (self.known if known is None else known).items():
-            whole: Any = log.dataset() if callable(known_.values) else log
+            whole: Any = log.dataset() if callable(known_.values) and not known_.reads else log
             seen.add(name, known_column(known_, rail, where, whole), known_.unit)
         changes = rail_changes(seen, scenario, self.signals)
         names = rail_names(scenario, changes)

@@ -4,7 +4,7 @@ Every fault of a table is found in one go, each with the path to where it stands
 number has ``metadata["unit"]``; its text is a number with a unit. A part of several kinds is a
 union of dataclasses that say with ``kind`` which they are. A field with ``metadata["rest"]`` takes
 the keys that no other field has. One with ``metadata["free"]`` is a table whose names only the
-blocks know.
+blocks know. ``metadata["key"]`` is the key of a field whose name Python keeps for itself, ``from``.
 """
 
 from __future__ import annotations
@@ -48,6 +48,11 @@ def read(kind: type, content: Any) -> tuple[Any, list[Fault]]:
     return (None if reader.faults else part), reader.faults
 
 
+def key_of(f: Field[Any]) -> str:
+    """Key of a field in a file."""
+    return str(f.metadata.get("key", f.name))
+
+
 @lru_cache(maxsize=256)
 def hints(kind: type) -> dict[str, Any]:
     """Types of the fields of a part."""
@@ -81,16 +86,16 @@ class _Reader:
             self.fault(keys, f"is {_shown(content)}, wanted is a table")
             return None
         before = len(self.faults)
-        known = {f.name: f for f in fields(kind)}
+        known = {key_of(f): f for f in fields(kind)}
         rest = next((n for n, f in known.items() if f.metadata.get("rest")), None)
         values: dict[str, Any] = {}
         extra = {k: v for k, v in content.items() if k not in known or k == rest}
         for name, f in known.items():
             if name == rest:
-                values[name] = self.value(hints(kind)[name], extra, keys, f, content)
+                values[f.name] = self.value(hints(kind)[f.name], extra, keys, f, content)
             elif name in content:
                 here = (*keys, name)
-                values[name] = self.value(hints(kind)[name], content[name], here, f, content)
+                values[f.name] = self.value(hints(kind)[f.name], content[name], here, f, content)
             elif f.default is MISSING and f.default_factory is MISSING:
                 self.fault(keys, f"needs {name}{_example(f)}")
         if rest is None:
@@ -99,9 +104,9 @@ class _Reader:
         if len(self.faults) > before:
             return None
         made: Any = object.__new__(kind)
-        for name, f in known.items():
+        for f in known.values():
             default = f.default_factory() if f.default_factory is not MISSING else f.default
-            object.__setattr__(made, name, values.get(name, default))
+            object.__setattr__(made, f.name, values.get(f.name, default))
         for path, text in made.wrong():
             inner = (int(k) if k.isdigit() else k for k in path.split(".") if k)
             self.fault((*keys, *inner), text)
@@ -250,11 +255,11 @@ def _schema_of(kind: Any, found: dict[str, Any]) -> dict[str, Any]:
         found[name] = {}
         rest = [f for f in fields(kind) if f.metadata.get("rest")]
         shown = [f for f in fields(kind) if not f.metadata.get("rest")]
-        needed = [f.name for f in shown if f.default is MISSING and f.default_factory is MISSING]
+        needed = [key_of(f) for f in shown if f.default is MISSING and f.default_factory is MISSING]
         found[name] = {
             "type": "object",
             "description": (kind.__doc__ or "").strip().partition("\n")[0],
-            "properties": {f.name: _field(hints(kind)[f.name], f, found) for f in shown},
+            "properties": {key_of(f): _field(hints(kind)[f.name], f, found) for f in shown},
             "additionalProperties": {"type": ["string", "number"]} if rest else False,
             "required": needed,
         }
@@ -289,7 +294,7 @@ def keys_of(kind: Any) -> list[Key]:
         if choices and not f.metadata.get("unit"):
             meaning += f": {' or '.join(map(str, choices))}"
         unit = str(f.metadata.get("unit") or "")
-        found.append(Key(f.name, meaning, "" if unit == "1" else unit, _default(f), _range(f)))
+        found.append(Key(key_of(f), meaning, "" if unit == "1" else unit, _default(f), _range(f)))
     return found
 
 
