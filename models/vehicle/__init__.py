@@ -15,6 +15,7 @@ from slipctl.models.vehicle.parts import (
     Profile,
     Searched,
     Sensors,
+    SlideProtection,
     SlipControl,
     SlipLaw,
     SlipRatio,

@@ -35,7 +35,7 @@ from slipctl.errors import Faults, nearest
 from slipctl.estimate.model import unknown_parameters
 from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
-from slipctl.models.common_form import ADDED, Wheel
+from slipctl.models.common_form import Wheel
 from slipctl.models.predictive.predictive_slip import predictive
 from slipctl.models.vehicle.containment import contained_block
 from slipctl.models.vehicle.failure import reference_with_floor, safe_command, sample, trust
@@ -48,6 +48,7 @@ from slipctl.models.vehicle.parts import (
     Predictive,
     Reference,
     Searched,
+    SlideProtection,
     SlipControl,
     SlipLaw,
     SlipSpeed,
@@ -55,8 +56,8 @@ from slipctl.models.vehicle.parts import (
     torque_of,
 )
 from slipctl.models.vehicle.ranges import of_inputs, searched_ranges, with_control_ranges
-from slipctl.models.vehicle.takeover import applied, demand_alone, wake, watch
-from slipctl.models.vehicle.valve_control import torque_to_bits, valves_at_rest
+from slipctl.models.vehicle.takeover import applied, demand_alone, slip_from_speeds, wake, watch
+from slipctl.models.vehicle.valve_control import slide_protection, torque_to_bits, valves_at_rest
 from slipctl.study.resolve import load_block
 
 WINDOW = 0.016
@@ -152,30 +153,6 @@ def numbers_of(block: Block, given: Mapping[str, float | str], where: str) -> di
 
 
 # ---- what comes before and after a law -----------------------------------------------------------
-
-
-def slip_from_speeds(driven: bool) -> Block:
-    """Make the slip from both speeds, and the wheel speed as a braked wheel would have it.
-
-    Args:
-        driven: whether the wheel is driven; its slip is its creep then.
-    """
-    turn = -1 if driven else 1
-
-    @law(
-        v_s=Output("m/s", "measured slip speed", positive="braking", per="speed"),
-        omega_s=Output("rad/s", "wheel speed, seen as that of a braked wheel"),
-        name="slip", choices={"driven": driven},
-    )  # fmt: skip
-    def slip(
-        v=Input("m/s", "measured vehicle speed"),
-        omega=Input("rad/s", "measured wheel speed"),
-        r=Param("m", 0.42, "wheel radius", ADDED, lo=0.2, hi=1),
-    ):
-        """v_s = v - r omega; of a driven wheel r omega - v."""
-        return dict(v_s=turn * (v - r * omega), omega_s=turn * omega)
-
-    return slip
 
 
 def fixed_reference(part: Reference) -> Block:
@@ -282,21 +259,7 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
             wires |= {"valves.T_cmd": "apply.T_cmd", "hold": "valves.hold", "vent": "valves.vent"}
         alone = with_control_ranges(connect("ctl", wires, **own), trip, w)
         return at_period(replicate(alone, axles, ["T_demand"]), trip)
-    parts, wires = _axle(trip, part, w)
-    parts["sample"], parts["safe"] = sample, safe_command(safe_output(trip)).with_params(
-        v_off=trip.control.off, limit=trip.control.release,
-        limit_still=trip.control.release_still,
-    )  # fmt: skip
-    wires |= {
-        "sample.mu_m": "meter.mu_m", "sample.v_s_m": "meter.v_s_m", "sample.ready": "trust.ready",
-        "safe.T_slip": "apply.T_cmd", "safe.T_demand": "trust.demand", "safe.on": "wake.on",
-        "safe.ready": "trust.ready", "safe.sound": "law.sound", "safe.stands": "trust.stands",
-        "safe.v": "trust.v", "T_cmd": "safe.T_cmd",
-    }  # fmt: skip
-    wires["trust.T_cmd"] = "safe.T_h"
-    if isinstance(trip.actuator, Air):
-        more, others = torque_to_bits(trip)
-        parts, wires = parts | more, wires | others
+    parts, wires = _controlled_axle(trip, part, w)
     one = ("trust.v", "trust.demand")
     common = {k for k, source in wires.items() if source in one} | {"fall.a_R", "probe.limit"}
     copies = {
@@ -320,6 +283,29 @@ def safe_output(trip: Trip) -> str | float:
     if given == "":
         return "demand" if trip.vehicle.mode == "brake" else 0.0
     return given if given in ("demand", "hold") else float(torque_of(given))
+
+
+def _controlled_axle(
+    trip: Trip, part: Controller, w: Wheel
+) -> tuple[dict[str, Block], dict[str, str]]:
+    """Parts of one axle up to its command, a torque or the bits of its valves, and their wires."""
+    if isinstance(part, SlideProtection):
+        return slide_protection(trip, part, w)
+    parts, wires = _axle(trip, part, w)
+    parts["sample"], parts["safe"] = sample, safe_command(safe_output(trip)).with_params(
+        v_off=trip.control.off, limit=trip.control.release,
+        limit_still=trip.control.release_still,
+    )  # fmt: skip
+    wires |= {
+        "sample.mu_m": "meter.mu_m", "sample.v_s_m": "meter.v_s_m", "sample.ready": "trust.ready",
+        "safe.T_slip": "apply.T_cmd", "safe.T_demand": "trust.demand", "safe.on": "wake.on",
+        "safe.ready": "trust.ready", "safe.sound": "law.sound", "safe.stands": "trust.stands",
+        "safe.v": "trust.v", "T_cmd": "safe.T_cmd", "trust.T_cmd": "safe.T_h",
+    }  # fmt: skip
+    if isinstance(trip.actuator, Air):
+        more, others = torque_to_bits(trip)
+        parts, wires = parts | more, wires | others
+    return parts, wires
 
 
 def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dict[str, str]]:

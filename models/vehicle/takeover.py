@@ -8,6 +8,30 @@ from slipctl import Block, Input, Output, Param, State, law, step
 from slipctl.models.common_form import ADDED, T_S
 
 
+def slip_from_speeds(driven: bool) -> Block:
+    """Make the slip from both speeds, and the wheel speed as a braked wheel would have it.
+
+    Args:
+        driven: whether the wheel is driven; its slip is its creep then.
+    """
+    turn = -1 if driven else 1
+
+    @law(
+        v_s=Output("m/s", "measured slip speed", positive="braking", per="speed"),
+        omega_s=Output("rad/s", "wheel speed, seen as that of a braked wheel"),
+        name="slip", choices={"driven": driven},
+    )  # fmt: skip
+    def slip(
+        v=Input("m/s", "measured vehicle speed"),
+        omega=Input("rad/s", "measured wheel speed"),
+        r=Param("m", 0.42, "wheel radius", ADDED, lo=0.2, hi=1),
+    ):
+        """v_s = v - r omega; of a driven wheel r omega - v."""
+        return dict(v_s=turn * (v - r * omega), omega_s=turn * omega)
+
+    return slip
+
+
 def wake(always: bool) -> Block:
     """Make what says whether slip control rules in this tick.
 

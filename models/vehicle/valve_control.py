@@ -6,8 +6,19 @@ import math
 from collections.abc import Mapping
 
 from slipctl import Block, Input, Output, law
-from slipctl.models.vehicle.parts import Air, Trip
+from slipctl.models.common_form import Wheel
+from slipctl.models.vehicle.parts import Air, SlideProtection, Trip
 from slipctl.models.vehicle.pneumatics import brake_model, valve_bits
+from slipctl.models.vehicle.slide_protection import (
+    protection_off,
+    refill,
+    rim_acceleration,
+    slide_machine,
+    watchdog,
+)
+from slipctl.models.vehicle.takeover import slip_from_speeds
+
+Parts, Wires = dict[str, Block], dict[str, str]
 
 
 @law(
@@ -48,7 +59,7 @@ MODEL_WIRES = {
 """What the model of a brake is told; ``hold`` and ``vent`` stand for where the bits are made."""
 
 
-def torque_to_bits(trip: Trip) -> tuple[dict[str, Block], dict[str, str]]:
+def torque_to_bits(trip: Trip) -> tuple[Parts, Wires]:
     """Parts of one axle that turn a commanded torque into bits, and their wires."""
     bits = with_numbers(valve_bits, numbers_of_brake(trip))
     wires = {
@@ -58,3 +69,35 @@ def torque_to_bits(trip: Trip) -> tuple[dict[str, Block], dict[str, str]]:
     }  # fmt: skip
     wires |= {k: v if v not in ("hold", "vent") else f"valves.{v}" for k, v in MODEL_WIRES.items()}
     return {"model": model_of_brake(trip), "valves": bits}, wires
+
+
+def slide_protection(trip: Trip, part: SlideProtection, w: Wheel) -> tuple[Parts, Wires]:
+    """Parts of the slide protection of one axle, and their wires."""
+    numbers = numbers_of_brake(trip) | {"m_axle": w.W, "r": w.r}
+    machine = slide_machine().with_params(
+        dv_0=part.slip, dv_v=part.share, a_vent=part.deceleration, s_hold=part.hold,
+        a_hold=part.hold_deceleration, s_fill=part.fill, a_fill=part.fill_acceleration,
+    )  # fmt: skip
+    parts = {
+        "slip": slip_from_speeds(driven=False),
+        "gate": protection_off.with_params(v_off=part.cut_off),
+        "rim": rim_acceleration.with_params(T_f=part.filter, r=w.r, v_start=trip.vehicle.speed),
+        "machine": machine,
+        "refill": with_numbers(refill, numbers | {"ramp": part.ramp}),
+        "safe": with_numbers(watchdog, numbers).with_params(
+            limit=trip.control.release, limit_still=trip.control.release_still
+        ),
+        "model": model_of_brake(trip),
+    }
+    wires = {
+        "slip.v": "trust.v", "slip.omega": "trust.omega", "gate.v": "trust.v",
+        "gate.ready": "trust.ready", "rim.omega": "trust.omega", "machine.v": "trust.v",
+        "machine.v_s": "slip.v_s", "machine.a_w": "rim.a_w", "machine.off": "gate.off",
+        "refill.state": "machine.state", "refill.T_b": "trust.T_b",
+        "refill.under_way": "model.under_way", "refill.T_demand": "trust.demand",
+        "safe.hold_by": "refill.hold", "safe.vent_by": "refill.vent", "safe.off": "gate.off",
+        "safe.stands": "trust.stands", "safe.T_b": "trust.T_b", "safe.T_demand": "trust.demand",
+        "hold": "safe.hold", "vent": "safe.vent", "trust.T_cmd": "model.T_h",
+    }  # fmt: skip
+    wires |= {k: v if v not in ("hold", "vent") else f"safe.{v}" for k, v in MODEL_WIRES.items()}
+    return parts, wires

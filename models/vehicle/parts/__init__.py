@@ -14,6 +14,7 @@ from slipctl.models.vehicle.parts.controllers import (
     Predictive,
     Reference,
     Searched,
+    SlideProtection,
     SlipControl,
     SlipLaw,
     SlipRatio,

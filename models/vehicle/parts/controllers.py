@@ -125,6 +125,34 @@ class Predictive(Part):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SlideProtection(Part):
+    """Wheel slide protection by a state machine over slip and deceleration, with two valve bits."""
+
+    kind: Literal["wsp"] = "wsp"
+    slip: float = number("m/s", 1.341, "slip from which it vents, at standstill", lo=0.05, hi=20)
+    share: float = number("1", 0.09167, "share of the speed by which that is more", lo=0, hi=0.5)
+    deceleration: float = number("m/s^2", 3.58, "of the rim, from which it vents", lo=0.5, hi=50)
+    hold: float = number("1", 0.5, "share of that slip from which it holds", lo=0, hi=1)
+    hold_deceleration: float = number(
+        "m/s^2", 1.0, "of the rim, from which it holds then", lo=0, hi=50
+    )
+    fill: float = number("1", 0.3, "share of that slip below which it fills again", lo=0, hi=1)
+    fill_acceleration: float = number(
+        "m/s^2", 0.5, "of the rim, up to which it fills again", lo=-10, hi=50
+    )
+    filter: float = number("s", 0.04, "time constant of the rim's acceleration", lo=1e-3, hi=1)
+    ramp: float = number(
+        "m/s^3", 0.67, "largest rise of the deceleration when it fills", lo=0.01, hi=1e3
+    )
+    cut_off: float = number("m/s", 5 / 3.6, "speed below which it is off", lo=0, hi=20)
+
+    def misfits(self) -> Iterator[Fault]:
+        """Shares that would let it fill where it holds."""
+        if self.fill > self.hold:
+            yield "fill", f"is {self.fill:g}, above hold = {self.hold:g}: it would fill there"
+
+
+@dataclass(frozen=True, kw_only=True)
 class DemandAlone(Part):
     """No slip control: the demand as it is."""
 
@@ -144,4 +172,4 @@ class OwnLaw(Part):
     )
 
 
-Controller = SlipLaw | Predictive | DemandAlone | OwnLaw
+Controller = SlipLaw | Predictive | SlideProtection | DemandAlone | OwnLaw

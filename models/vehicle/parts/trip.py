@@ -8,7 +8,13 @@ from dataclasses import MISSING, dataclass
 from itertools import pairwise
 
 from slipctl.models.vehicle.parts.actuator import Actuator, Lag
-from slipctl.models.vehicle.parts.controllers import Controller, Reference, Searched, SlipControl
+from slipctl.models.vehicle.parts.controllers import (
+    Controller,
+    Reference,
+    Searched,
+    SlideProtection,
+    SlipControl,
+)
 from slipctl.models.vehicle.parts.declaration import (
     STANDSTILL,
     Fault,
@@ -144,7 +150,15 @@ class Trip(Part):
         if isinstance(self.sensors.vehicle_speed, WheelsOnly) and self.vehicle.axles < 2:
             yield "sensors.vehicle_speed", "one axle that slips tells no speed; use another kind"
         yield from self._misplaced()
-        for name in self.controllers:
+        for name, part in self.controllers.items():
+            if isinstance(part, SlideProtection) and self.actuator.kind != "air":
+                yield (
+                    f"controllers.{name}",
+                    (
+                        "kind = 'wsp' gives the bits of two valves; write kind = 'air' under"
+                        " [actuator]"
+                    ),
+                )
             if not name.isidentifier() or name == "ideal":
                 yield f"controllers.{name}", "write a name of letters, digits and _; not 'ideal'"
 
