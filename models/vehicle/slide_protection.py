@@ -47,7 +47,8 @@ def slide_machine() -> Block:
     """Make the machine of one axle: from slip and rim acceleration to fill, hold or vent.
 
     Where no condition holds the state stays. It vents until the wheel runs up, whatever the slip
-    is then, and does not vent a wheel that runs up.
+    is then, and does not vent a wheel that runs up. A wheel that rolls with a vehicle which slows
+    down does not run up: it is filled again, or one wrong sample would release it for good.
     """
     slides = "(a_w < -a_vent or v_s > dv_0 + dv_v*v)"
     return state_machine(
@@ -56,6 +57,7 @@ def slide_machine() -> Block:
             ("*", "fill", "off > .5"),
             ("fill", "vent", slides),
             ("vent", "hold", "a_w > 0*a_vent"),
+            ("vent", "fill", "v_s < s_fill*(dv_0 + dv_v*v) and a_w > -a_vent/2"),
             ("hold", "vent", f"{slides} and a_w <= 0*a_vent"),
             ("fill", "hold", "v_s > s_hold*(dv_0 + dv_v*v) and a_w < -a_hold"),
             ("hold", "fill", "v_s < s_fill*(dv_0 + dv_v*v) and a_w <= a_fill"),
@@ -69,8 +71,8 @@ def slide_machine() -> Block:
         dv_v=Param("1", 0.09167, "share of the speed by which that is more", TOLD, lo=0, hi=0.5),
         a_vent=Param("m/s^2", 3.58, "rim deceleration from which it vents", TOLD, lo=0.5, hi=50),
         s_hold=Param("1", 0.5, "share of that slip from which it holds", PROPOSED, lo=0, hi=1),
-        a_hold=Param("m/s^2", 1.0, "rim deceleration from which it holds then", PROPOSED, lo=0, hi=50),
-        s_fill=Param("1", 0.3, "share of that slip below which it fills again", PROPOSED, lo=0, hi=1),
+        a_hold=Param("m/s^2", 1.0, "rim deceleration from which it holds", PROPOSED, lo=0, hi=50),
+        s_fill=Param("1", 0.3, "share of that slip below which it fills", PROPOSED, lo=0, hi=1),
         a_fill=Param("m/s^2", 0.5, "rim acceleration up to which it does", PROPOSED, lo=-10, hi=50),
     )  # fmt: skip
 
@@ -95,7 +97,7 @@ def refill(
     T_b=Input("N m", "torque, from the pressure sensor", positive="braking"),
     under_way=Input("N m", "change by the bits within the dead time", positive="braking"),
     T_demand=Input("N m", "torque that is demanded", positive="braking"),
-    ramp=Param("m/s^3", 0.67, "largest rise of the deceleration when it fills", TOLD, lo=0.01, hi=1e3),
+    ramp=Param("m/s^3", 0.67, "largest rise of the deceleration", TOLD, lo=0.01, hi=1e3),
     m_axle=Param("kg", 8000.0, "load on the rail", ADDED, lo=100, hi=1e8),
     r=Param("m", 0.42, "wheel radius", ADDED, lo=0.2, hi=1),
     T_max=Param("N m", 8e3, "torque at the full pressure", ADDED, lo=1, hi=1e8),
