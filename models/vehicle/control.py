@@ -56,7 +56,16 @@ from slipctl.models.vehicle.parts import (
     torque_of,
 )
 from slipctl.models.vehicle.ranges import of_inputs, searched_ranges, with_control_ranges
-from slipctl.models.vehicle.takeover import applied, demand_alone, slip_from_speeds, wake, watch
+from slipctl.models.vehicle.takeover import (
+    applied,
+    demand_alone,
+    released_torque,
+    released_valves,
+    slip_from_speeds,
+    turns,
+    wake,
+    watch,
+)
 from slipctl.models.vehicle.valve_control import slide_protection, torque_to_bits, valves_at_rest
 from slipctl.study.resolve import load_block
 
@@ -260,6 +269,7 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
         alone = with_control_ranges(connect("ctl", wires, **own), trip, w)
         return at_period(replicate(alone, axles, ["T_demand"]), trip)
     parts, wires = _controlled_axle(trip, part, w)
+    _let_go(trip, parts, wires)
     one = ("trust.v", "trust.demand")
     common = {k for k, source in wires.items() if source in one} | {"fall.a_R", "probe.limit"}
     copies = {
@@ -270,6 +280,10 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     wires |= {
         "trust.v": "v", "trust.omega": "omega", "trust.T_b": "T", "trust.T_demand": "T_demand",
     }  # fmt: skip
+    if trip.control.let_go is not None:
+        copies["turn"] = turns(axles).with_params(
+            T_max=w.T_max, time=trip.control.let_go, every_=trip.control.let_go_every
+        )
     block = with_control_ranges(connect("ctl", wires, trust=judge, **copies), trip, w)
     own = _numbers(block, w)
     if isinstance(trip.actuator, Air):  # the bits explain the torque, so its model has no lag
@@ -306,6 +320,22 @@ def _controlled_axle(
         more, others = torque_to_bits(trip)
         parts, wires = parts | more, wires | others
     return parts, wires
+
+
+def _let_go(trip: Trip, parts: dict[str, Block], wires: dict[str, str]) -> None:
+    """Add what lets an axle go in turn: ``release`` behind all that makes its command."""
+    if trip.control.let_go is None:
+        return
+    wires |= {"turn.v": "trust.v", "turn.T_b": "trust.T_b", "turn.T_demand": "trust.demand",
+              "release.free": "turn.free"}  # fmt: skip
+    if isinstance(trip.actuator, Air):
+        parts["release"] = released_valves
+        for bit in ("hold", "vent"):
+            wires |= {f"release.{bit}_by": wires[bit], bit: f"release.{bit}",
+                      f"model.{bit}": f"release.{bit}"}  # fmt: skip
+    else:
+        parts["release"] = released_torque.with_params(T_max=trip.actuator.torque)
+        wires |= {"release.T_slip": wires["T_cmd"], "T_cmd": "release.T_cmd"}
 
 
 def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dict[str, str]]:

@@ -26,7 +26,6 @@ from slipctl.models.vehicle.parts import (
     NoisyWheel,
     ToothWheel,
     Trip,
-    WheelsOnly,
     torque_of,
 )
 
@@ -168,7 +167,7 @@ def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
     gate = 0.15
     if isinstance(of, NoisySpeed):
         gate += 5 * of.deviation + of.step + _lost(of) * 3.0 * T_S
-    elif isinstance(of, WheelsOnly):
+    elif trip.sensors.of_wheels:
         gate += w.r * noise
     lag = 0.0 if isinstance(act, Air) else act.longest_lag  # of air the bits explain the torque
     full = act.torque / act.rate if isinstance(act, Lag) and act.rate else 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from casadi import fmax, fmin, if_else, logic_and
+from casadi import fmax, fmin, if_else, logic_and, mmin, vertcat
 
 from slipctl import Block, Input, Output, Param, State, law, step
 from slipctl.models.common_form import ADDED, T_S
@@ -112,3 +112,66 @@ def demand_alone(
 ):
     """The demand as it is, within the limits."""
     return fmin(fmax(T_demand, 0), T_max)
+
+
+def turns(axles: int) -> Block:
+    """Make what lets one axle go in turn while wheels slide, so that one of them tells the speed.
+
+    Args:
+        axles: how many.
+    """
+
+    @step(free=Output("1", "1 for the axle that is let go", shape=(axles,), lo=0, hi=1),
+          name="turn", choices={"axles": axles})  # fmt: skip
+    def letting(
+        clock=State("s", 0.0, "time of sliding since an axle was let go", lo=0, hi=1e3),
+        left=State("s", 0.0, "time for which one still is", lo=0, hi=1e3),
+        axle=State("1", 0.0, "which, from 0", lo=0, hi=axles),
+        v=Input("m/s", "vehicle speed that is believed"),
+        T_b=Input("N m", "torque", shape=(axles,), positive="braking"),
+        T_demand=Input("N m", "torque that is demanded", positive="braking"),
+        T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
+        time=Param("s", 1.0, "for which an axle is let go", ADDED, lo=0.01, hi=100),
+        every_=Param("s", 8.0, "from one axle to the next", ADDED, lo=0.1, hi=500),
+        v_least=Param("m/s", 3.0, "speed below which none is", ADDED, lo=0, hi=50),
+        T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
+    ):  # fmt: skip
+        """Where an axle has less than its demand, wheels slide; then the next axle is let go."""
+        top = fmin(fmax(T_demand, 0), T_max)
+        slides = logic_and(mmin(T_b) < 0.9 * top, v > v_least)
+        due = logic_and(slides, clock + time >= every_)
+        time_left = if_else(slides, if_else(left > 0, fmax(left - T, 0), if_else(due, time, 0)), 0)
+        ends = logic_and(left > 0, time_left <= 0)
+        following = if_else(axle >= axles - 1, 0, axle + 1)
+        nxt = dict(
+            clock=if_else(slides, if_else(time_left > 0, 0, fmin(clock + T, 1e3)), 0),
+            left=time_left, axle=if_else(ends, following, axle),
+        )  # fmt: skip
+        on = time_left > 0
+        return nxt, dict(free=vertcat(*[logic_and(on, axle == k) for k in range(axles)]))
+
+    return letting
+
+
+@law(
+    hold=Output("1", "bit of the valve that shuts the supply off", lo=0, hi=1),
+    vent=Output("1", "bit of the valve that vents", lo=0, hi=1),
+    name="release",
+)
+def released_valves(
+    hold_by=Input("1", "bit of the valve that shuts the supply off"),
+    vent_by=Input("1", "bit of the valve that vents"),
+    free=Input("1", "1 where the axle is let go"),
+):
+    """Both bits of an axle that is let go."""
+    return dict(hold=fmax(hold_by, free), vent=fmax(vent_by, free))
+
+
+@law(T_cmd=Output("N m", "commanded torque", positive="braking", lo=0, hi="T_max"), name="release")
+def released_torque(
+    T_slip=Input("N m", "torque by slip control", positive="braking"),
+    free=Input("1", "1 where the axle is let go"),
+    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
+):
+    """None of an axle that is let go."""
+    return if_else(free > 0.5, 0, fmin(fmax(T_slip, 0), T_max))

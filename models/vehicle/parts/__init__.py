@@ -34,9 +34,13 @@ from slipctl.models.vehicle.parts.declaration import (
 from slipctl.models.vehicle.parts.demand import Constant, Most, Profile
 from slipctl.models.vehicle.parts.rail import Contamination, Patch, Slope, Stretch, Track
 from slipctl.models.vehicle.parts.sensors import (
+    Accelerometer,
     Exact,
+    Fused,
+    LargestWheel,
     NoisySpeed,
     NoisyWheel,
+    SensorFault,
     Sensors,
     ToothWheel,
     WheelsOnly,

@@ -71,6 +71,11 @@ class SlipControl(Part):
                             " for 1 s", lo=0.1, hi=600)  # fmt: skip
     release_still: float = number("s", 3.0, "longest release of an axle that does not run up",
                                   lo=0.1, hi=600)  # fmt: skip
+    let_go: float | None = number(
+        "s", None, "time for which one axle in turn is let go while wheels slide, so that it tells"
+        " the speed; none given: never", lo=0.05, hi=10,
+    )  # fmt: skip
+    let_go_every: float = number("s", 8.0, "from one axle to the next", lo=0.5, hi=100)
     radius: float | tuple[float, ...] | None = number(
         "m", None, "of the wheels, or of each axle with an actuator, as the controllers believe;"
         " none given: as it is", lo=0.2, hi=1,
@@ -83,6 +88,8 @@ class SlipControl(Part):
     def misfits(self) -> Iterator[Fault]:
         """A period off the tick; a safe output or a demand that is neither a word nor a torque."""
         yield from faults_off_ticks("period", self.period)
+        if self.let_go is not None and self.let_go > self.let_go_every / 2:
+            yield "let_go", f"is more than half of let_go_every, {self.let_go_every:g} s"
         for name, words in (("safe", ("demand", "hold")), ("demand_lost", ("largest",))):
             given = getattr(self, name)
             if isinstance(given, str) and given not in ("", *words):

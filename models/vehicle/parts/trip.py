@@ -26,7 +26,7 @@ from slipctl.models.vehicle.parts.declaration import (
 )
 from slipctl.models.vehicle.parts.demand import Constant, Most, Profile
 from slipctl.models.vehicle.parts.rail import Track
-from slipctl.models.vehicle.parts.sensors import Sensors, WheelsOnly
+from slipctl.models.vehicle.parts.sensors import Fused, LargestWheel, Sensors
 from slipctl.models.vehicle.parts.vehicle import Vehicle
 
 
@@ -120,8 +120,7 @@ class Trip(Part):
     def learns(self) -> bool:
         """Whether the ratios of the radii are learnt."""
         if self.control.learn is None:
-            wheels = isinstance(self.sensors.vehicle_speed, WheelsOnly)
-            return wheels and len(self.vehicle.worked) > 1
+            return self.sensors.of_wheels and len(self.vehicle.worked) > 1
         return self.control.learn
 
     def misfits(self) -> Iterator[Fault]:
@@ -147,8 +146,14 @@ class Trip(Part):
             )
         if self.control.learn and worked < 2:
             yield "control.learn", "one axle has no ratio to learn"
-        if isinstance(self.sensors.vehicle_speed, WheelsOnly) and self.vehicle.axles < 2:
+        if self.sensors.of_wheels and self.vehicle.axles < 2:
             yield "sensors.vehicle_speed", "one axle that slips tells no speed; use another kind"
+        speed = self.sensors.vehicle_speed
+        if self.vehicle.mode == "drive" and isinstance(speed, LargestWheel | Fused):
+            yield "sensors.vehicle_speed", "is for a braked vehicle; write kind = 'wheels'"
+        for k, fault in enumerate(self.sensors.faults):
+            if fault.axle > worked:
+                yield f"sensors.faults.{k}.axle", f"is {fault.axle} of {worked} axles"
         yield from self._misplaced()
         for name, part in self.controllers.items():
             if isinstance(part, SlideProtection) and self.actuator.kind != "air":
