@@ -2,7 +2,9 @@
 
 from slipctl.models.vehicle.parts import (
     Air,
+    Car,
     Constant,
+    Contamination,
     Davis,
     DemandAlone,
     Exact,
@@ -11,6 +13,8 @@ from slipctl.models.vehicle.parts import (
     NoisySpeed,
     NoisyWheel,
     OwnLaw,
+    Pads,
+    Patch,
     Predictive,
     Profile,
     Searched,

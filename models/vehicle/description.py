@@ -10,6 +10,7 @@ from slipctl.block.signals import Signal
 from slipctl.errors import BadInput, Faults
 from slipctl.models import common_form
 from slipctl.models.vehicle import control, of_study, study
+from slipctl.models.vehicle.contamination import field_of_rail
 from slipctl.models.vehicle.of_study import StudyTrip
 from slipctl.models.vehicle.parts import Trip
 from slipctl.models.vehicle.trip import rail_law
@@ -70,6 +71,8 @@ def _faults_of_laws(trip: Trip) -> list[Fault]:
             faults.extend(_placed(keys, line) for line in lines)
 
     tried(("rail",), lambda: rail_law(trip))
+    if trip.rail.contamination is not None:
+        tried(("rail",), lambda: field_of_rail(trip))
     if hasattr(trip.reference, "noise"):
         tried(("reference",), lambda: control.law_and_guess(trip.reference))
     if faults:

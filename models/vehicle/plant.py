@@ -32,6 +32,7 @@ from slipctl import (
 from slipctl.models.brakes import brake, brake_gain
 from slipctl.models.common_form import T_S
 from slipctl.models.shared_names import SLOPE
+from slipctl.models.vehicle.cars import load_transfer, masses_of_axles, pads_of_axles
 from slipctl.models.vehicle.parts import Actuator, Air, Lag, Valve, Vehicle
 from slipctl.models.vehicle.pneumatics import cylinder, magnet_valves, reservoir
 from slipctl.models.wheel_rail.axles import Axles, rolling
@@ -229,12 +230,14 @@ def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None
     worked, driven = vehicle.worked, vehicle.mode == "drive"
     n, many = vehicle.axles, len(worked)
     apart = ["T_b"] * (not driven) + ["r"] * (len(set(vehicle.radii)) > 1)
+    moves = any(vehicle.moved)
+    apart += ["share"] * (len(set(vehicle.carried)) > 1) + ["dN"] * moves
     axles = Axles((1,) * n, vehicle.behind, tuple(driven and k in worked for k in range(n)))
     r: Any = np.array(vehicle.radii) if "r" in apart else vehicle.wheel_radius
     law_ = adhesion if field is not None else on_train(adhesion)
     train = rolling(law_, axles, T_S, apart=apart, standing=True).with_params(
-        m=vehicle.total, m_axle=vehicle.total / n, J=vehicle.wheel_inertia, r=r,
-        g=vehicle.gravity, B_t=0.0, v=vehicle.speed,
+        m=vehicle.total, r=r, **masses_of_axles(vehicle), g=vehicle.gravity, B_t=0.0,
+        v=vehicle.speed,
     )  # fmt: skip
     brakes, commands = ({"act": replicate(actuator(part), many)}, {"act.T_cmd": "T_cmd"}) if (
         not isinstance(part, Air)) else _air(part, vehicle, many)  # fmt: skip
@@ -262,7 +265,15 @@ def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None
         parts["motor"] = replicate(mirror("N m", "traction"), many)
         wires |= {"motor.u": torque, "train.T": "motor.y"}
     else:
+        pads = pads_of_axles(vehicle)
+        if pads is not None:
+            parts["pads"] = pads
+            wires |= {"pads.T": torque, "pads.omega": "train.omega"}
+            torque = "pads.T_b"
         wires["train.T_b"] = torque
+    if moves:
+        parts["transfer"] = load_transfer(vehicle)
+        wires |= {"transfer.a": "train.a", "train.dN": "transfer.dN"}
     if field is not None:
         parts["field"] = field
         wires |= {"field.at": "train.at", "field.way": "train.way", "field.P": "train.P_contact"}

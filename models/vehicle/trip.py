@@ -315,11 +315,12 @@ def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
     apart = "r" in parts["plant"].params or len(set(trip.vehicle.radii)) > 1
     held = ["speed.filter.held_v"] if "accel" in parts else []
     own = places("ctl.law.m") if "law.m_law" not in parts["ctl"].params else []
+    same_J = len(set(trip.vehicle.inertias)) == 1
     shared: dict[str, list[str]] = {
         "m": places("plant.m", "demand.m", "speed.m"),
         f"m_axle = m / {axles}": places("plant.train.m_axle", "ctl.meter.m", "*.m_axle"),
         f"m_wheel = m / {worked}": [*own, *places("ctl.fall.m", "ctl.trust.m")],
-        "J": places("plant.train.J", "*.J"),
+        "J": [n for n in places("plant.train.J", "*.J") if same_J or n != "plant.train.J"],
         **_radii(trip, apart, places),
         "g": places("plant.g", "*.g"),
         "T": places("*.T", "*.T_s")

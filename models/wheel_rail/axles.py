@@ -128,7 +128,9 @@ def rolling(
         axles: see :class:`Axles`.
         h: step in s.
         distinct: further parameters of the law of which each axle has its own.
-        apart: of ``r`` and ``T_b`` those of which each axle has its own.
+        apart: of ``r`` and ``T_b`` those of which each axle has its own. With ``share`` the load
+            of an axle follows from its share of the train. ``dN`` is an input, the load that moves
+            onto an axle.
         standing: a train comes to a stand and is held there, see above.
 
     Returns:
@@ -139,7 +141,7 @@ def rolling(
         BadInput: a law with other inputs, or without ``mu``; an unknown name in ``apart``.
     """
     for name in apart:
-        refuse_unknown_choice("rolling", "apart", name, ("r", "T_b"))
+        refuse_unknown_choice("rolling", "apart", name, ("r", "T_b", "share", "dN"))
     if not {"v_s", "v"} <= set(adhesion.inputs) or "mu" not in adhesion.outputs:
         raise BadInput(
             f"{adhesion.name} has the inputs {', '.join(adhesion.inputs)}; an adhesion law under a"
@@ -169,6 +171,8 @@ def rolling(
         Input("N", "running resistance", value=0.0, positive="braking").named("F_d"),
     ]
     inputs += beside
+    if "dN" in apart:
+        inputs.append(each(Input("N", "load that moves onto an axle", value=0.0), "dN"))
     if motors:
         torque = Input("N m", "torque of a motor, at its axle", value=0.0, **traction)
         inputs.append(signal_of_copies(torque.named("T"), driven, "driven"))
@@ -176,7 +180,7 @@ def rolling(
     radius = Param("m", 0.445, "wheel radius", source, lo=0.2, hi=1)
     params = [
         Param("kg", 500e3, "train", source, lo=1e3, hi=1e8).named("m"),
-        each(Param("kg", 15625.0, "load of an axle", "W: M by 32 axles", lo=100, hi=5e4), "m_axle"),
+        *_carried(n, "share" in apart),
         each(Param("kg m^2", 93.75, "inertia of an axle", source, lo=1, hi=1e4), "J"),
         each(Param("N m s", 0.01, "damping of an axle", source, lo=0, hi=1e3), "B_t"),
         each(radius, "r") if "r" in apart else radius.named("r"),
@@ -237,7 +241,9 @@ def rolling(
         v_s = r * omega - v
         N, law = p["m_axle"] * p["g"], [p[s.name] for s in law_params]
         law += [u[s.name] for s in beside]
-        at, height = peaks(v, *law) if peaks is not None else ([], [])
+        N = ca.fmax(N + u["dN"], 1) if "dN" in apart else N
+        near = ca.mmin(side * free - N * r**2 / a) <= 0  # its creep may be that of a locked one
+        at, height = peaks(near, v, *law) if peaks is not None else ([], [])
         F, locked, residual = settle(
             v_s, v, free, a / r**2, N, ca.sign(stop), count, h / m, u["F_d"],
             *([at] if standing else []), *law,
@@ -260,7 +266,7 @@ def rolling(
         taken = ca.if_else(locked, p["J"] / h * omega + T - r * F, stop)
         outputs = dict(
             v_s=v_s,
-            mu=F / (p["m_axle"] * p["g"]),
+            mu=F / N,
             F=F,
             F_all=F_all,
             a=acceleration,
@@ -301,6 +307,16 @@ def rolling(
     )  # fmt: skip
 
 
+def _carried(n: int, by_share: bool) -> list[Signal]:
+    """Mass that each axle carries; by its share of the train, so that it follows the train's."""
+    load = Param("kg", 15625.0, "load of an axle", "W: M by 32 axles", lo=100, hi=5e4)
+    if not by_share:
+        return [signal_of_copies(load.named("m_axle"), n)]
+    share = Param("1", 1 / n, "share of the train that an axle carries", lo=1e-4, hi=1)
+    load = Param("kg", "m * share", "load of an axle", lo=100, hi=5e4)
+    return [signal_of_copies(s.named(k), n) for k, s in (("share", share), ("m_axle", load))]
+
+
 def _scattered(T: Any, motors: Sequence[int], n: int) -> Any:
     """Torques of the driven axles at their places among all axles."""
     return ca.sparsity_cast(T, ca.Sparsity.triplet(n, 1, list(motors), [0] * len(motors)))
@@ -334,7 +350,10 @@ def _adhesion(law: Block, v_s: Any, v: Any, values: Sequence[Any]) -> Any:
 def _peaks(
     adhesion: Block, own: Sequence[str], law_params: Sequence[Signal], n: int
 ) -> ca.Function:
-    """Creep and height of the largest adhesion under each axle of a slow train; 0 of a fast one."""
+    """Creep and height of the largest adhesion under each axle, where they can be needed; else 0.
+
+    They are needed of a slow train of which a wheel is ``near`` its stand.
+    """
     names = [s.name for s in law_params]
     v = ca.SX.sym("v")
     values = [ca.SX.sym(name) for name in names]
@@ -345,13 +364,14 @@ def _peaks(
     one = ca.Function("peak", [v, *values], [best, height], {"cse": True})
     once = [0, *(1 + j for j, name in enumerate(names) if name not in own)]
     each = one.map(f"peak_x{n}", "serial", n, once, [])
-    v_m = ca.MX.sym("v")
+    v_m, near = ca.MX.sym("v"), ca.MX.sym("near")
     given = [v_m, *(ca.MX.sym(s.name.replace(".", "_"), s.size) for s in law_params)]
     found = each.call([row if i in once else row.T for i, row in enumerate(given)])
     slow = ca.Function("slow", given, [row.T for row in found])
     fast = ca.Function("fast", given, [ca.MX.zeros(n), ca.MX.zeros(n)])
     due = ca.Function.if_else("peaks", slow, fast)
-    return ca.Function("peaks_of", given, due.call([ca.fabs(v_m) < PEAKS[-1], *given]))
+    needed = ca.logic_and(near, ca.fabs(v_m) < PEAKS[-1])
+    return ca.Function("peaks_of", [near, *given], due.call([needed, *given]))
 
 
 def _axle(adhesion: Block, names: Sequence[str], standing: bool = False) -> dict[int, ca.Function]:

@@ -199,7 +199,8 @@ def rail_field(
         early = phase < ca.DM(rest)
         seen = _at(W, whole, early)
         found = ca.fmax(seen + (x["W_own"] if own else 0), 0)
-        effort = ca.fmax(p["tau"] * found, 1e-300) ** p["n"]
+        found = p["tau"] * found
+        effort = ca.if_else(found > 0, ca.fmax(found, 1e-300) ** p["n"], 0)
         if drying:
             effort = effort + x["t"] / p["T_dry"]
         at = u["at"]

@@ -32,6 +32,7 @@ from slipctl.models.vehicle.parts.declaration import (
     torque_of,
 )
 from slipctl.models.vehicle.parts.demand import Constant, Most, Profile
+from slipctl.models.vehicle.parts.pads import Pads
 from slipctl.models.vehicle.parts.rail import Contamination, Patch, Slope, Stretch, Track
 from slipctl.models.vehicle.parts.sensors import (
     Accelerometer,
@@ -46,4 +47,4 @@ from slipctl.models.vehicle.parts.sensors import (
     WheelsOnly,
 )
 from slipctl.models.vehicle.parts.trip import Assumed, Drawn, Limits, Trip
-from slipctl.models.vehicle.parts.vehicle import Davis, Vehicle
+from slipctl.models.vehicle.parts.vehicle import Car, Davis, Vehicle

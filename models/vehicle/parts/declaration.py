@@ -92,8 +92,12 @@ class Part:
     """A part; it refuses numbers off range and what does not fit together."""
 
     def __post_init__(self) -> None:
+        self.complete()
         for path, text in self.wrong():
             raise BadInput(f"{type(self).__name__}: {path}: {text}" if path else text)
+
+    def complete(self) -> None:
+        """Fill what follows from other fields; a part that has nothing of this kind leaves it."""
 
     def wrong(self) -> Iterator[Fault]:
         """Everything that is wrong with the part itself, its parts left out."""

@@ -155,6 +155,7 @@ class Trip(Part):
             if fault.axle > worked:
                 yield f"sensors.faults.{k}.axle", f"is {fault.axle} of {worked} axles"
         yield from self._misplaced()
+        yield from self._pressed()
         for name, part in self.controllers.items():
             if isinstance(part, SlideProtection) and self.actuator.kind != "air":
                 yield (
@@ -166,6 +167,17 @@ class Trip(Part):
                 )
             if not name.isidentifier() or name == "ideal":
                 yield f"controllers.{name}", "write a name of letters, digits and _; not 'ideal'"
+
+    def _pressed(self) -> Iterator[Fault]:
+        """Pads whose friction is not known at the largest torque."""
+        vehicle = self.vehicle
+        for k, (pads, radius) in enumerate(zip(vehicle.each_pads, vehicle.radii, strict=True)):
+            fault = pads.too_strong(self.actuator.torque, radius) if pads else ""
+            if fault:
+                own = vehicle.cars and pads is not vehicle.pads
+                place = f"cars.{vehicle.car_of(k)}.pads" if own else "pads"
+                yield f"vehicle.{place}.blocks", fault
+                return
 
     def _misplaced(self) -> Iterator[Fault]:
         """Cells that two axles would share; contaminated places where no wheel gets."""

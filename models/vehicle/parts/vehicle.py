@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, dataclass
 from itertools import pairwise
 from typing import Literal
 
 from slipctl.models.vehicle.parts.declaration import Fault, Part, number, text_field
+from slipctl.models.vehicle.parts.pads import Pads
 from slipctl.study.files.declared_parts import Each
 
 
@@ -26,6 +27,109 @@ class Davis(Part):
         return a, b, c
 
 
+@dataclass(frozen=True, kw_only=True)
+class Car(Part):
+    """A car, or several alike: its mass, its bogies, and how its load moves when it brakes."""
+
+    count: int = number("1", 1, "how many such cars", lo=1, hi=32)
+    mass: float | None = number("kg", None, "mass; or tare and load", lo=100, hi=1e8)
+    tare: float | None = number("kg", None, "mass without load", lo=100, hi=1e8)
+    load: float = number("kg", 0.0, "load, on top of tare", lo=0, hi=1e8)
+    axles: int = number("1", 4, "how many axles", lo=1, hi=32)
+    bogies: int = number("1", 2, "how many bogies; 0: the axles are under the body", lo=0, hi=16)
+    wheelbase: float = number("m", 2.1, "between the axles of a bogie", lo=0.4, hi=30)
+    bogie_centres: float = number("m", 11.0, "between its bogies", lo=0, hi=60)
+    length: float = number("m", 18.0, "over its buffers or couplers", lo=1, hi=100)
+    radius: float | None = number("m", None, "of its wheels; none: of the vehicle", lo=0.2, hi=1)
+    inertia: float | None = number(
+        "kg m^2", None, "of one of its wheelsets; none: of the vehicle", lo=0.1, hi=1e5
+    )
+    height: float | None = number(
+        "m", None, "of the body's centre of mass above the rail; none: no load moves", lo=0.1, hi=5
+    )
+    pivot_height: float = number("m", 0.8, "where the bogie pulls the body", lo=0, hi=3)
+    bogie_mass: float = number("kg", 0.0, "of one bogie without wheelsets", lo=0, hi=1e5)
+    bogie_height: float = number("m", 0.6, "of its centre of mass", lo=0, hi=3)
+    wheelset_mass: float = number("kg", 0.0, "of one wheelset", lo=0, hi=1e4)
+    pads: Pads | None = text_field(None, "of its brakes; none: those of the vehicle")
+
+    def misfits(self) -> Iterator[Fault]:
+        """Masses and lengths that do not fit together."""
+        yield from _mass_faults(self, "the car")
+        if self.bogies and self.axles % self.bogies:
+            yield "bogies", f"{self.axles} axles are not alike on {self.bogies} bogies"
+            return
+        if self.bogies and self.total <= self._below:
+            yield "bogie_mass", f"bogies and wheelsets are {self._below:g} kg of {self.total:g} kg"
+        if self.span >= self.length:
+            yield "length", f"is {self.length:g} m; its axles alone are over {self.span:g} m"
+
+    @property
+    def total(self) -> float:
+        """Mass of one car in kg."""
+        return self.mass if self.mass is not None else (self.tare or 0.0) + self.load
+
+    @property
+    def _below(self) -> float:
+        """Mass of bogies and wheelsets in kg."""
+        return self.bogies * self.bogie_mass + self.axles * self.wheelset_mass
+
+    @property
+    def per_bogie(self) -> int:
+        """Axles of a bogie, or of the car where it has none."""
+        return self.axles // self.bogies if self.bogies else self.axles
+
+    @property
+    def offsets(self) -> tuple[float, ...]:
+        """Place of each axle behind the first one of the car, in m."""
+        bogie = [self.wheelbase * k for k in range(self.per_bogie)]
+        return tuple(self.bogie_centres * b + d for b in range(max(self.bogies, 1)) for d in bogie)
+
+    @property
+    def span(self) -> float:
+        """From the first to the last axle, in m."""
+        return self.offsets[-1]
+
+    def moved(self, radius: float) -> tuple[float, ...]:
+        """Load that each axle gains by m/s^2 of deceleration, in N: of body, then of bogie.
+
+        The body pitches on its bogies, a bogie on its axles, and the sum of moments about the rail
+        is that of the inertial forces. Cars do not lift each other.
+
+        Args:
+            radius: of the wheels in m, the height of the wheelsets.
+        """
+        if self.height is None:
+            return (0.0,) * self.axles
+        if not self.bogies:
+            body = self.total - self.axles * self.wheelset_mass
+            moment = body * self.height + self.axles * self.wheelset_mass * radius
+            return tuple(moment * arm for arm in _arms(self.offsets))
+        body = self.total - self._below
+        centres = [self.bogie_centres * b for b in range(self.bogies)]
+        pulls = [body * (self.height - self.pivot_height) * arm for arm in _arms(centres)]
+        own = body / self.bogies * self.pivot_height + self.bogie_mass * self.bogie_height
+        own += self.per_bogie * self.wheelset_mass * radius
+        axles = [self.wheelbase * k for k in range(self.per_bogie)]
+        return tuple(pull / self.per_bogie + own * arm for pull in pulls for arm in _arms(axles))
+
+
+def _arms(places: Sequence[float]) -> list[float]:
+    """Force at each place, falling from the first to the last one, that has the moment 1."""
+    middle = sum(places) / len(places)
+    square = sum((x - middle) ** 2 for x in places)
+    return [(middle - x) / square if square else 0.0 for x in places]
+
+
+def _mass_faults(part: Car | Vehicle, what: str) -> Iterator[Fault]:
+    """Mass and tare, or none of them; a load on top of the mass."""
+    if (part.mass is None) == (part.tare is None):
+        has = "has neither mass nor tare" if part.mass is None else "has both mass and tare"
+        yield "mass", f"{what} {has}; write mass, or tare and load"
+    if part.mass is not None and part.load:
+        yield "load", f"load is for {'a' + what[3:]} with tare; mass is the sum of both"
+
+
 _LENGTHS = ("wheelbase", "bogie_centres", "wheelbase", "car_length")
 """What an axle's distance to the next one follows from, in turn."""
 
@@ -38,7 +142,8 @@ class Vehicle(Part):
     mass: float | None = number("kg", None, "mass; or tare and load", lo=100, hi=1e8)
     tare: float | None = number("kg", None, "mass without load", lo=100, hi=1e8)
     load: float = number("kg", 0.0, "load, on top of tare", lo=0, hi=1e8)
-    axles: int = number("1", 4, "how many axles", lo=1, hi=32)
+    cars: tuple[Car, ...] = text_field((), "cars one behind the other, instead of mass and places")
+    axles: int = number("1", None, "how many axles; none: 4, or those of the cars", lo=1, hi=32)
     wheelbase: float = number("m", 2.1, "between the axles of a bogie", lo=0, hi=30)
     bogie_centres: float = number("m", 11.0, "between the bogies of a car", lo=0, hi=60)
     car_length: float = number("m", 18.0, "from one car to the next, above 4 axles", lo=1, hi=100)
@@ -58,16 +163,22 @@ class Vehicle(Part):
         "1", None, "share of the mass without load, instead of the inertia", lo=1e-3, hi=1
     )
     resistance: Davis = text_field(Davis(), "running resistance")
+    pads: Pads | None = text_field(None, "of its brakes; none: a constant friction")
     speed: float = number("m/s", MISSING, "at the start", lo=0, hi=150)
     gravity: float = number("m/s^2", 9.81, "gravity", lo=1, hi=30)
 
+    def complete(self) -> None:
+        """The number of axles."""
+        if self.axles is None:
+            given = sum(car.count * car.axles for car in self.cars) if self.cars else 4
+            object.__setattr__(self, "axles", min(given, 32))  # more of them are told below
+
     def misfits(self) -> Iterator[Fault]:
         """Mass, places, radii and inertia that do not fit together."""
-        if (self.mass is None) == (self.tare is None):
-            what = "has neither mass nor tare" if self.mass is None else "has both mass and tare"
-            yield "mass", f"the vehicle {what}; write mass, or tare and load"
-        if self.mass is not None and self.load:
-            yield "load", "load is for a vehicle with tare; mass is the sum of both"
+        if self.cars:
+            yield from self._beside_cars()
+        else:
+            yield from _mass_faults(self, "the vehicle")
         if (self.inertia is None) == (self.rotating_mass is None):
             what = "neither" if self.inertia is None else "both"
             yield "inertia", f"{what} of inertia and rotating_mass is given; write one of them"
@@ -79,6 +190,8 @@ class Vehicle(Part):
             yield "places", "must begin with 0 m and rise from axle to axle"
         if isinstance(self.radius, (int, float)) or len(self.radius) == self.axles:
             yield from self._impossible()
+        if self.mode == "drive" and any(self.each_pads):
+            yield "pads", "are of a braked vehicle; leave them out of a driven one"
         if self.driven is not None:
             if self.mode == "brake":
                 yield "driven", "is for a driven vehicle; write mode = 'drive'"
@@ -86,6 +199,19 @@ class Vehicle(Part):
                 yield "driven", "must name each driven axle once"
             if any(k > self.axles for k in self.driven):
                 yield "driven", f"names axle {max(self.driven):g} of {self.axles}"
+
+    def _beside_cars(self) -> Iterator[Fault]:
+        """What cars say already, and more axles than there may be."""
+        for name in ("mass", "tare", "places"):
+            if getattr(self, name) is not None:
+                yield name, "the cars have it; leave it out"
+        if self.load:
+            yield "load", "the cars have it; leave it out"
+        many = sum(car.count * car.axles for car in self.cars)
+        if many > 32:
+            yield "cars", f"the cars have {many} axles; a vehicle has at most 32"
+        elif many != self.axles:
+            yield "axles", f"is {self.axles}, and the cars have {many}; leave it out"
 
     def _impossible(self) -> Iterator[Fault]:
         """Wheels that would stand in each other; more that turns than there is."""
@@ -95,6 +221,7 @@ class Vehicle(Part):
             if b - a < room:
                 name = "places" if self.places is not None else _LENGTHS[min(k % 4, 3)]
                 name = "wheelbase" if self.axles == 2 else name
+                name = "cars" if self.cars else name
                 yield (
                     name,
                     (
@@ -103,7 +230,7 @@ class Vehicle(Part):
                     ),
                 )
                 break
-        turning = sum(self.wheel_inertia / r**2 for r in radii)
+        turning = sum(J / r**2 for J, r in zip(self.inertias, radii, strict=True))
         if self.inertia is not None and self.total and turning > self.total:
             yield (
                 "inertia",
@@ -120,13 +247,60 @@ class Vehicle(Part):
     @property
     def total(self) -> float:
         """Mass in kg."""
+        if self.cars:
+            return sum(car.count * car.total for car in self.cars)
         return self.mass if self.mass is not None else (self.tare or 0.0) + self.load
+
+    @property
+    def each_car(self) -> tuple[Car, ...]:
+        """Cars one by one."""
+        return tuple(car for car in self.cars for _ in range(car.count))
+
+    def car_of(self, axle: int) -> int:
+        """Entry of the cars, from 0, to which an axle belongs."""
+        for k, car in enumerate(self.cars):
+            axle -= car.count * car.axles
+            if axle < 0:
+                return k
+        return 0
+
+    @property
+    def carried(self) -> tuple[float, ...]:
+        """Mass that each axle carries, in kg: a car stands on its axles alike."""
+        if not self.cars:
+            return (self.total / self.axles,) * self.axles
+        return tuple(car.total / car.axles for car in self.each_car for _ in range(car.axles))
+
+    @property
+    def each_pads(self) -> tuple[Pads | None, ...]:
+        """Pads of each axle."""
+        if not self.cars:
+            return (self.pads,) * self.axles
+        return tuple(car.pads or self.pads for car in self.each_car for _ in range(car.axles))
+
+    @property
+    def moved(self) -> tuple[float, ...]:
+        """Load that each axle gains by m/s^2 of deceleration, in N."""
+        radii = iter(self.radii)
+        found: list[float] = []
+        for car in self.each_car:
+            own = [next(radii) for _ in range(car.axles)]
+            found += car.moved(sum(own) / len(own))
+        return tuple(found) or (0.0,) * self.axles
 
     @property
     def behind(self) -> tuple[float, ...]:
         """Place of each axle behind the first, in m."""
         if self.places is not None:
             return self.places
+        if self.cars:
+            found: list[float] = []
+            end, first = 0.0, (self.each_car[0].length - self.each_car[0].span) / 2
+            for car in self.each_car:
+                begin = end + (car.length - car.span) / 2 - first
+                found += [begin + d for d in car.offsets]
+                end += car.length
+            return tuple(found)
         if self.axles == 2:
             return (0.0, self.wheelbase)
         bogie = (0.0, self.wheelbase)
@@ -136,7 +310,19 @@ class Vehicle(Part):
     @property
     def radii(self) -> tuple[float, ...]:
         """Radius of each axle in m."""
-        return self.radius if isinstance(self.radius, tuple) else (self.radius,) * self.axles
+        if isinstance(self.radius, tuple):
+            return self.radius
+        if not self.cars:
+            return (self.radius,) * self.axles
+        return tuple(car.radius or self.radius for car in self.each_car for _ in range(car.axles))
+
+    @property
+    def inertias(self) -> tuple[float, ...]:
+        """Inertia of each wheelset in kg m^2."""
+        alone = self._one_inertia
+        if not self.cars:
+            return (alone,) * self.axles
+        return tuple(car.inertia or alone for car in self.each_car for _ in range(car.axles))
 
     @property
     def wheel_radius(self) -> float:
@@ -145,10 +331,21 @@ class Vehicle(Part):
 
     @property
     def wheel_inertia(self) -> float:
-        """Inertia of one wheelset in kg m^2."""
+        """Mean inertia of a wheelset in kg m^2."""
+        if len(set(self.inertias)) == 1:
+            return self.inertias[0]
+        return sum(self.inertias) / self.axles
+
+    @property
+    def _one_inertia(self) -> float:
+        """Inertia in kg m^2 of a wheelset whose car has none of its own."""
         if self.inertia is not None:
             return self.inertia
-        empty = self.tare if self.tare is not None else self.total
+        empty = (
+            self.tare
+            if self.tare is not None
+            else self.total - sum(car.count * car.load for car in self.cars)
+        )
         return (self.rotating_mass or 0.0) * empty * self.wheel_radius**2 / self.axles
 
     @property

@@ -107,6 +107,7 @@ class _Reader:
         for f in known.values():
             default = f.default_factory() if f.default_factory is not MISSING else f.default
             object.__setattr__(made, f.name, values.get(f.name, default))
+        made.complete()
         for path, text in made.wrong():
             inner = (int(k) if k.isdigit() else k for k in path.split(".") if k)
             self.fault((*keys, *inner), text)
