@@ -17,6 +17,7 @@ from slipctl.models.vehicle.parts import (
     Patch,
     Predictive,
     Profile,
+    ScheduledPI,
     Searched,
     Sensors,
     SlideProtection,

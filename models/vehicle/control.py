@@ -47,6 +47,7 @@ from slipctl.models.vehicle.parts import (
     OwnLaw,
     Predictive,
     Reference,
+    ScheduledPI,
     Searched,
     SlideProtection,
     SlipControl,
@@ -56,6 +57,7 @@ from slipctl.models.vehicle.parts import (
     torque_of,
 )
 from slipctl.models.vehicle.ranges import of_inputs, searched_ranges, with_control_ranges
+from slipctl.models.vehicle.scheduled_pi import scheduled_pi
 from slipctl.models.vehicle.takeover import (
     applied,
     demand_alone,
@@ -226,6 +228,12 @@ def slip_law(trip: Trip, part: Controller, w: Wheel) -> tuple[Block, bool]:
         return predictive(
             law_and_guess(searching)[0], **settings, tick=trip.control.period, gate=True
         )(w), True
+    if isinstance(part, ScheduledPI):
+        block = scheduled_pi.with_params(
+            K=part.K, T_i=part.integral, T_t=part.follow, v_n=part.full, least=part.least, J=w.J,
+            r=w.r,
+        )  # fmt: skip
+        return block, False
     if isinstance(part, SlipLaw):
         block = form.laws(driven, trip.control.period)[part.kind](w)
     else:

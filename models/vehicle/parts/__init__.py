@@ -13,6 +13,7 @@ from slipctl.models.vehicle.parts.controllers import (
     OwnLaw,
     Predictive,
     Reference,
+    ScheduledPI,
     Searched,
     SlideProtection,
     SlipControl,

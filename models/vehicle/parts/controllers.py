@@ -132,6 +132,20 @@ class Predictive(Part):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ScheduledPI(Part):
+    """PI slip control, its gain by the speed, its integral bounded by what can be applied."""
+
+    kind: Literal["pi"] = "pi"
+    K: float = number("1/s", 3.0, "gain at the speed full and above", lo=0.01, hi=1e3)
+    integral: float = number("s", 1.0, "time of the integral", lo=0.01, hi=100)
+    follow: float = number("s", 0.2, "in which the integral follows a limit", lo=0.01, hi=100)
+    full: float = number("m/s", 25.0, "speed from which on the gain is K", lo=1, hi=100)
+    least: float = number("1", 0.2, "least share of K, at standstill", lo=0.01, hi=1)
+    lead: float = number("1", 1.0, "actuator's lag over the one that it shall have", lo=1, hi=20)
+    reference: Reference | None = text_field(None, "slip to go to, instead of the trip's")
+
+
+@dataclass(frozen=True, kw_only=True)
 class SlideProtection(Part):
     """Wheel slide protection by a state machine over slip and deceleration, with two valve bits."""
 
@@ -179,4 +193,4 @@ class OwnLaw(Part):
     )
 
 
-Controller = SlipLaw | Predictive | SlideProtection | DemandAlone | OwnLaw
+Controller = SlipLaw | Predictive | ScheduledPI | SlideProtection | DemandAlone | OwnLaw
