@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slipctl import Block, replicate
+from slipctl import Block, every, replicate
 from slipctl.models import sensors
 from slipctl.models.vehicle.fused_speed import accelerometer, fused_speed, largest_wheel
 from slipctl.models.vehicle.parts import (
@@ -40,6 +40,9 @@ def wheel_speeds(trip: Trip, parts: dict[str, Block]) -> dict[str, str]:
     parts["angle"] = replicate(sensors.turned, n)
     tooth = sensors.tooth_wheel.with_params(N=part.teeth, clock=part.clock, sigma=part.jitter)
     parts["wheel"] = replicate(tooth, n, distinct=apart).with_params(**dict.fromkeys(apart, begin))
+    if trip.control.period != TICK:  # a counter card is read by the controllers, at their period
+        slow = parts["wheel"].with_params(T=trip.control.period)
+        parts["wheel"] = every(slow, round(trip.control.period / TICK))
     return {
         "angle.omega": "plant.omega", "wheel.phi": "angle.phi", "ctl.omega": "wheel.omega_m",
     }  # fmt: skip

@@ -66,6 +66,7 @@ from slipctl.models.vehicle.parts import (
     Lag,
     Most,
     Profile,
+    ToothWheel,
     Trip,
     number_with_unit,
 )
@@ -314,6 +315,9 @@ def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
     air = isinstance(trip.actuator, Air)
     apart = "r" in parts["plant"].params or len(set(trip.vehicle.radii)) > 1
     held = ["speed.filter.held_v"] if "accel" in parts else []
+    tooth = ["wheel.T"] * isinstance(trip.sensors.wheel_speed, ToothWheel)
+    late = trip.control.period != TICK
+    slow = places("ctl.*.T", "ctl.*.T_s", *tooth) if late else []
     own = places("ctl.law.m") if "law.m_law" not in parts["ctl"].params else []
     same_J = len(set(trip.vehicle.inertias)) == 1
     shared: dict[str, list[str]] = {
@@ -323,10 +327,8 @@ def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
         "J": [n for n in places("plant.train.J", "*.J") if same_J or n != "plant.train.J"],
         **_radii(trip, apart, places),
         "g": places("plant.g", "*.g"),
-        "T": places("*.T", "*.T_s")
-        if trip.control.period == TICK
-        else [n for n in places("*.T", "*.T_s") if not n.startswith("ctl.")],
-        "T_ctl": places("ctl.*.T", "ctl.*.T_s") if trip.control.period != TICK else [],
+        "T": [n for n in places("*.T", "*.T_s") if n not in slow],
+        "T_ctl": slow,
         "slope": places("plant.grade.slope", "accel.slope"),
     }
     if isinstance(trip.actuator, Lag):
