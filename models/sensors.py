@@ -118,7 +118,7 @@ def noisy_sensor(unit: str) -> Block:
     return sensor
 
 
-def failing(axles: int, kinds: Sequence[str]) -> Block:
+def wheel_sensors_with_faults(axles: int, kinds: Sequence[str]) -> Block:
     """Make wheel sensors of which some fail from a time on.
 
     Args:

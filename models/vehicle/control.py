@@ -37,6 +37,11 @@ from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
 from slipctl.models.common_form import Wheel
 from slipctl.models.predictive.predictive_slip import predictive
+from slipctl.models.vehicle.air.valve_control import (
+    slide_protection,
+    torque_to_bits,
+    valves_at_rest,
+)
 from slipctl.models.vehicle.containment import contained_block
 from slipctl.models.vehicle.failure import reference_with_floor, safe_command, sample, trust
 from slipctl.models.vehicle.parts import (
@@ -57,8 +62,8 @@ from slipctl.models.vehicle.parts import (
     torque_of,
 )
 from slipctl.models.vehicle.ranges import of_inputs, searched_ranges, with_control_ranges
-from slipctl.models.vehicle.scheduled_pi import scheduled_pi
-from slipctl.models.vehicle.takeover import (
+from slipctl.models.vehicle.slip.scheduled_pi import scheduled_pi
+from slipctl.models.vehicle.slip.takeover import (
     applied,
     demand_alone,
     released_torque,
@@ -68,7 +73,6 @@ from slipctl.models.vehicle.takeover import (
     wake,
     watch,
 )
-from slipctl.models.vehicle.valve_control import slide_protection, torque_to_bits, valves_at_rest
 from slipctl.study.resolve import load_block
 
 WINDOW = 0.016

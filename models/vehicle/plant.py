@@ -32,9 +32,9 @@ from slipctl import (
 from slipctl.models.brakes import brake, brake_gain
 from slipctl.models.common_form import T_S
 from slipctl.models.shared_names import SLOPE
+from slipctl.models.vehicle.air.pneumatics import cylinder, magnet_valves, reservoir
 from slipctl.models.vehicle.cars import load_transfer, masses_of_axles, pads_of_axles
 from slipctl.models.vehicle.parts import Actuator, Air, Lag, Valve, Vehicle
-from slipctl.models.vehicle.pneumatics import cylinder, magnet_valves, reservoir
 from slipctl.models.wheel_rail.axles import Axles, rolling
 from slipctl.models.zhang_2021.ep_valve import air_brake, dead_time, ep_valve
 from slipctl.models.zhang_2021.hst_braking import davis
@@ -216,9 +216,9 @@ def motor_limit(part: Lag, radius: float) -> Block:
 def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None = None) -> Block:
     """Connect actuators, axles, resistance and contact.
 
-    Its input is ``T_cmd``, the command of each axle that has an actuator, seen as a braked one; of
-    an air brake the bits ``hold`` and ``vent`` of each axle, and ``T_demand``, the torque that is
-    demanded of one. It gives ``T``, the torque of each of them, and ``omega``, their speeds.
+    Its input is ``T_cmd``, the command of each axle that has an actuator, seen as a braked one. With
+    air brakes it is the bits ``hold`` and ``vent`` of each axle, and ``T_demand``, the torque that
+    is demanded of one. It gives ``T``, the torque of each of them, and ``omega``, their speeds.
 
     Args:
         vehicle: numbers of the vehicle.

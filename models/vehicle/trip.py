@@ -51,7 +51,7 @@ from slipctl.models.vehicle.contamination import (
     peaks_under_axles,
 )
 from slipctl.models.vehicle.control import numbers_of, vehicle_control
-from slipctl.models.vehicle.measurements import (
+from slipctl.models.vehicle.measurement.sensor_parts import (
     at_one_radius,
     vehicle_speed,
     wheel_speeds,

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from slipctl import BadInput, simulate
 from slipctl.models.vehicle import Exact, Sensors, SlideProtection, SlipLaw, SlipRatio, case
-from slipctl.models.vehicle.fused_speed import fused_speed, largest_wheel
+from slipctl.models.vehicle.measurement.fused_speed import fused_speed, largest_wheel
 from slipctl.models.vehicle.parts import (
     Accelerometer,
     Fused,
@@ -19,7 +19,7 @@ from slipctl.models.vehicle.parts import (
     SlipControl,
     WheelsOnly,
 )
-from slipctl.models.vehicle.takeover import turns
+from slipctl.models.vehicle.slip.takeover import turns
 from tests.models.test_slide_protection import dry, train
 
 R, G = 0.42, 9.81

@@ -23,8 +23,7 @@ from slipctl.models.vehicle import (
     Vehicle,
     case,
 )
-from slipctl.models.vehicle.parts import SlipControl
-from slipctl.models.vehicle.pneumatics import (
+from slipctl.models.vehicle.air.pneumatics import (
     ATMOSPHERE,
     CRITICAL,
     cylinder,
@@ -33,6 +32,7 @@ from slipctl.models.vehicle.pneumatics import (
     rate_of_choke,
     reservoir,
 )
+from slipctl.models.vehicle.parts import SlipControl
 
 T_MAX, P_FULL, SUPPLY = 8e3, 3.8e5, 5e5 + ATMOSPHERE
 
@@ -199,7 +199,7 @@ def test_a_law_acts_by_valves_and_the_bits_explain_the_torque():
 
 def test_a_stuck_valve_is_told_within_a_second():
     """The pressure sensor of one axle stays where it is at 2.5 s, on the way down."""
-    from slipctl.models.vehicle.pneumatics import brake_model
+    from slipctl.models.vehicle.air.pneumatics import brake_model
 
     block = brake_model(6).with_params(T=0.01, T_max=8e3, k_f=0.44, k_v=1.75)
     stuck = rolled(block, 200, {"T_h": 7e3}, hold=1, vent=1, T_b=7e3, T_demand=8e3)

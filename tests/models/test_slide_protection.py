@@ -19,9 +19,9 @@ from slipctl.models.vehicle import (
     Vehicle,
     case,
 )
+from slipctl.models.vehicle.air.pneumatics import ATMOSPHERE
+from slipctl.models.vehicle.air.slide_protection import STATES, slide_machine, watchdog
 from slipctl.models.vehicle.parts import Contamination, SlipControl
-from slipctl.models.vehicle.pneumatics import ATMOSPHERE
-from slipctl.models.vehicle.slide_protection import STATES, slide_machine, watchdog
 
 LOG = ("plant.train.x", "plant.train.v", "plant.train.omega", "plant.T", "plant.pressure",
        "plant.air.used", "ctl.hold", "ctl.vent", "ctl.machine.state", "demand.T_demand",

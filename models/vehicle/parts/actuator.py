@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import MISSING, dataclass
 from typing import Literal
 
+from slipctl.models.vehicle.air.pneumatics import ATMOSPHERE, rate_of_choke
 from slipctl.models.vehicle.parts.declaration import Fault, Part, faults_off_ticks, number
-from slipctl.models.vehicle.pneumatics import ATMOSPHERE, rate_of_choke
 
 
 @dataclass(frozen=True, kw_only=True)

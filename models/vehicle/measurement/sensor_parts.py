@@ -6,7 +6,7 @@ import numpy as np
 
 from slipctl import Block, every, replicate
 from slipctl.models import sensors
-from slipctl.models.vehicle.fused_speed import accelerometer, fused_speed, largest_wheel
+from slipctl.models.vehicle.measurement.fused_speed import accelerometer, fused_speed, largest_wheel
 from slipctl.models.vehicle.parts import (
     TICK,
     Exact,
@@ -95,7 +95,9 @@ def with_faults(trip: Trip, parts: dict[str, Block], measured: dict[str, str]) -
         return measured
     n = len(trip.vehicle.worked)
     rows = [faults.get(k) for k in range(n)]
-    parts["fault"] = sensors.failing(n, [f.kind if f else "" for f in rows]).with_params(
+    parts["fault"] = sensors.wheel_sensors_with_faults(
+        n, [f.kind if f else "" for f in rows]
+    ).with_params(
         begin=np.array([f.time if f else 0.0 for f in rows]),
         share=np.array([f.share if f else 0.0 for f in rows]),
     )

@@ -18,8 +18,8 @@ from casadi import fmax, fmin, if_else, logic_and, logic_or
 
 from slipctl import Block, Input, Output, Param, State, law, state_machine, step
 from slipctl.models.common_form import ADDED, T_S
+from slipctl.models.vehicle.air.pneumatics import SUPPLY, changes_by_valves
 from slipctl.models.vehicle.failure import NEVER
-from slipctl.models.vehicle.pneumatics import SUPPLY, changes_by_valves
 
 STATES = ("fill", "hold", "vent")
 """States of the machine; its output is the place of one in this list."""

@@ -7,16 +7,16 @@ from collections.abc import Mapping
 
 from slipctl import Block, Input, Output, law
 from slipctl.models.common_form import Wheel
-from slipctl.models.vehicle.parts import Air, SlideProtection, Trip
-from slipctl.models.vehicle.pneumatics import brake_model, valve_bits
-from slipctl.models.vehicle.slide_protection import (
+from slipctl.models.vehicle.air.pneumatics import brake_model, valve_bits
+from slipctl.models.vehicle.air.slide_protection import (
     protection_off,
     refill,
     rim_acceleration,
     slide_machine,
     watchdog,
 )
-from slipctl.models.vehicle.takeover import slip_from_speeds
+from slipctl.models.vehicle.parts import Air, SlideProtection, Trip
+from slipctl.models.vehicle.slip.takeover import slip_from_speeds
 
 Parts, Wires = dict[str, Block], dict[str, str]
 

@@ -8,8 +8,8 @@ The air is isothermal, pressures are absolute. A choke of diameter d lets pass, 
 
     dp/dt = k p_0 psi(p/p_0),   k = C (pi d^2/4) s R sqrt(T)/V,   s = sqrt(1.4/R) 1.2^-3
 
-from the pressure p_0 before it to p behind it: psi is 1 up to the critical ratio .528, where the
-air has the speed of sound in the choke, and falls to 0 at 1 (St. Venant and Wantzel). The torque is
+from the pressure p_0 before it to p behind it. psi is 1 up to the critical ratio .528, where the
+air has the speed of sound in the choke. It falls to 0 at 1 (St. Venant and Wantzel). The torque is
 proportional to the gauge pressure.
 """
 

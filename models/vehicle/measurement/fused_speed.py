@@ -8,11 +8,11 @@ true speed by a_max less the true deceleration, each second, and says so by its 
 
 The filter has the speed and what the accelerometer reads wrong: its bias and the slope that it
 feels. An axle speaks with the weight that its slip leaves it. One that is let go and has run up
-rolls; one that is ahead of the estimate cannot be, in braking, and pulls it up; one that is braked
-and agrees with the estimate in speed and acceleration has its creep as deviation; all others say
-nothing. Axles err alike, by creep and slope, so their weights are not summed: together they speak
-as loud as the best of them. While none speaks, the deviation grows by what the accelerometer may be
-wrong. The bound is three deviations and the creep.
+rolls. One that is ahead of the estimate pulls it up: a braked wheel is never faster than its
+vehicle. One that is braked and agrees in speed and acceleration has its creep as deviation. All
+others say nothing. Axles err alike, by creep and radius, so their weights are not summed: together
+they speak as loud as the best of them. While none speaks, the deviation grows by what the
+accelerometer may be wrong. The bound is three deviations and the creep.
 """
 
 from __future__ import annotations
