@@ -145,10 +145,12 @@ def touched() -> Iterator[Row]:
 CALLS = """
 import json, os, sys
 from slipctl.commands.cli import main
+import slipctl, slipctl.models
 found = {"calls": 0, "resolved": 0}
+ours = tuple(os.path.dirname(m.__file__) + os.sep for m in (slipctl, slipctl.models))
 def count(frame, event, argument):
     if event == "call":
-        found["calls"] += 1
+        found["calls"] += frame.f_code.co_filename.startswith(ours)
         found["resolved"] += frame.f_code.co_name == "load_study"
 sys.stdout = open(os.devnull, "w")
 sys.setprofile(count)
@@ -160,7 +162,10 @@ sys.exit(code)
 
 
 def running() -> Iterator[Row]:
-    """What ``slipctl run metro.toml --set m=40t`` calls in its first process."""
+    """What ``slipctl run metro.toml --set m=40t`` calls in its first process.
+
+    Calls of our own functions: those of packages hang on which of them are installed beside.
+    """
     with tempfile.TemporaryDirectory() as folder:
         new = [sys.executable, "-m", "slipctl", "new", "metro"]
         subprocess.run(new, cwd=folder, check=True, capture_output=True)
@@ -169,7 +174,7 @@ def running() -> Iterator[Row]:
             done = subprocess.run([sys.executable, "-c", CALLS], cwd=folder, check=True,
                                   capture_output=True, text=True)  # fmt: skip
     found = json.loads(done.stdout)
-    yield Row("Python calls of `run metro.toml --set m=40t`", found["calls"], 250_000)
+    yield Row("own calls of `run metro.toml --set m=40t`", found["calls"], 250_000)
     yield Row("resolutions of its name", found["resolved"], 1)
 
 

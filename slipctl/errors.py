@@ -204,7 +204,7 @@ def _wrong_kind(where: str, declared: Any, given: Mapping[str, Any]) -> str:
             rows = value.items() if many == "**" else enumerate(value)
         for key, one in rows:
             told = name if many is None else f"{name}[{key}]" if many == "*" else key
-            if _nested(one):
+            if isinstance(one, (list, tuple)) and _nested(one):
                 return f"{where}: {told} is nested deeper than {DEEPEST} lists"
             if not _is(one, kind):
                 return f"{where}: {told} is {value_text(one)}, which is no {_told(kind)}"
@@ -219,7 +219,7 @@ def list_of_kind(where: str, given: Any, kind: type) -> list[Any]:
     """
     matrix = hasattr(given, "sparsity")  # of CasADi, which are not iterable by design
     found = list(given) if isinstance(given, Iterable) and not matrix else [None]
-    if not all(isinstance(one, kind) for one in found):
+    if any(not isinstance(one, kind) for one in found):
         raise BadInput(f"{where}: give a list of {kind.__name__}, not {value_text(given)}")
     return found
 

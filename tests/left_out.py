@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from slipctl import Results
-from slipctl.study.declaration import NOT_RUN, OPEN, judge
+from slipctl.study.declaration import OPEN
+from slipctl.study.verdicts import NOT_RUN, judge
 
 
 def of(results: Results, scenario: str, loops: tuple[str, ...]) -> Results:

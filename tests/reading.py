@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from slipctl import Results
-from slipctl.study.declaration import Claim, Verdict, judge
+from slipctl.study.declaration import Claim
+from slipctl.study.verdicts import Verdict, judge
 
 Check = Callable[..., bool]
 NUMBER = r"([+-]?[\d.]+(?:e[+-]?\d+)?)"

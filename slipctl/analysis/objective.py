@@ -8,7 +8,8 @@ from typing import Any
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs
-from slipctl.block.signals import Signal, names_in
+from slipctl.block.signals import Signal
+from slipctl.block.text.named_expressions import names_in
 from slipctl.errors import BadInput, nearest
 
 

@@ -20,7 +20,8 @@ from slipctl import registry
 from slipctl.block import portable, shared_numbers
 from slipctl.block.fields import ROLES, Body, Composition, LawData, Rebuild
 from slipctl.block.functions import Exprs, Functions
-from slipctl.block.signals import Signal, evaluate, names_in
+from slipctl.block.signals import Signal
+from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.errors import BadInput, nearest
 
 
@@ -261,11 +262,13 @@ class Block(Functions):
         It has the Function, start and parameters with these numbers, and is no block to go on from.
         """
         block = object.__new__(Block)  # made once and looked through; only numbers differ
-        block.__dict__ |= self.__dict__ | {"_signals": dict(self._signals)}
+        block.__dict__ |= self.__dict__
+        signals = dict(self._signals)
         for role in ("param", "state"):
             own = {n: s.valued(values[n]) for n, s in self._signals[role].items()
                    if n in values and not s.derived}  # fmt: skip
-            block._signals[role] = self._signals[role] | own
+            signals[role] = self._signals[role] | own
+        block._hold(signals)
         return block
 
     def _owner(self, name: str) -> tuple[str, str] | None:

@@ -16,11 +16,11 @@ from slipctl.block.functions import symbol_maker
 from slipctl.block.shared_numbers import (
     Share,
     Sharing,
-    bind,
     numbers_of,
     parts_with_shares,
     read_shares,
 )
+from slipctl.block.shared_places import bind
 from slipctl.block.signals import Signal
 from slipctl.errors import BadInput, nearest
 

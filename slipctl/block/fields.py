@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from slipctl.block.shared_numbers import ALONE, Sharing
@@ -95,6 +96,11 @@ class Composition:
         return cls(parts={block.name: block}, rebuild=rebuild, **shown | more)
 
 
+def of_composition(name: str, doc: str) -> Any:
+    """Property of a block that its composition has; read by C, as it is asked for everywhere."""
+    return property(attrgetter(f"composition.{name}"), doc=doc)
+
+
 class Fields:
     """What a :class:`Block` holds.
 
@@ -109,6 +115,7 @@ class Fields:
         conditions: parameter sets by the name of a rail condition, ``{"dry": {"c": 1.0}}``.
         law_data: what a law says of itself beside its equations.
         composition: what the block was made of, and how it is made again.
+        states, inputs, params, outputs: signals by name, in order; derived parameters included.
     """
 
     def __init__(
@@ -154,7 +161,7 @@ class Fields:
     def _declare(self, signals: Iterable[Signal]) -> None:
         """Take over the signals, checked against each other and their own ranges."""
         name = self.name
-        self._signals: dict[str, dict[str, Signal]] = {role: {} for role in ROLES}
+        self._hold({role: {} for role in ROLES})
         seen: set[str] = set()
         for s in signals:
             if s.name in seen and s.role != "output":
@@ -174,50 +181,17 @@ class Fields:
             if y.safe is not None:
                 replace(y, shape=()).check(f"safe value of {name}.{y.name}", y.safe)
 
-    @property
-    def parts(self) -> dict[str, Block]:
-        """The blocks this one was made of, by name."""
-        return self.composition.parts
+    parts: dict[str, Block] = of_composition("parts", "The blocks this one was made of, by name.")
+    wires: dict[str, str] = of_composition("wires", "Source by destination, of a connected block.")
+    sharing: Sharing = of_composition("sharing", "Which places of the parts have one number.")
+    prefixed: bool = of_composition("prefixed", "Whether signals carry their part's name in front.")
+    transparent: bool = of_composition("transparent", "Whether it is its part in another time.")
 
-    @property
-    def wires(self) -> dict[str, str]:
-        """Source by destination, of a connected block."""
-        return self.composition.wires
-
-    @property
-    def sharing(self) -> Sharing:
-        """Which places among the parts have one number, and its name."""
-        return self.composition.sharing
-
-    @property
-    def prefixed(self) -> bool:
-        """Whether signals carry their part's name in front, as ``connect`` makes it."""
-        return self.composition.prefixed
-
-    @property
-    def transparent(self) -> bool:
-        """Whether it is its only part in another time, so that paths look through it."""
-        return self.composition.transparent
-
-    @property
-    def states(self) -> dict[str, Signal]:
-        """States in order."""
-        return self._signals["state"]
-
-    @property
-    def inputs(self) -> dict[str, Signal]:
-        """Inputs in order."""
-        return self._signals["input"]
-
-    @property
-    def params(self) -> dict[str, Signal]:
-        """Parameters in order, derived ones included."""
-        return self._signals["param"]
-
-    @property
-    def outputs(self) -> dict[str, Signal]:
-        """Outputs in order."""
-        return self._signals["output"]
+    def _hold(self, signals: dict[str, dict[str, Signal]]) -> None:
+        """Hold signals by role and name."""
+        self._signals = signals
+        self.states, self.inputs = signals["state"], signals["input"]
+        self.params, self.outputs = signals["param"], signals["output"]
 
     @property
     def signals(self) -> list[Signal]:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from slipctl.block.text import expression
+from slipctl.block.text.named_expressions import names_in
 from slipctl.errors import (
     BadInput,
-    Faults,
     check_number,
     check_whole,
     nearest,
@@ -96,6 +94,8 @@ class Signal:
         over: parameter of these places, of one that holds the heights of a table there; of a
             matrix two, of its rows and of its columns.
         judged: the block judges this input itself, and is given whatever comes.
+        size: number of elements.
+        derived: whether the value is an expression of other signals.
     """
 
     role: str
@@ -123,43 +123,54 @@ class Signal:
     rising: bool = False
     over: str | tuple[str, ...] = ""
     judged: bool = False
+    size: int = field(init=False, repr=False, compare=False)
+    derived: bool = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.unit in KINDS:
             self._typed()
-        for what, given, choices in (
+        for what, choice, choices in (
             ("sign convention", self.positive, ("braking", "traction")),
             ("slip convention", self.per, ("speed", "ratio")),
         ):
-            if given is not None:
-                refuse_unknown_choice(self.name or self.doc or self.unit, what, given, choices)
+            if choice is not None:
+                refuse_unknown_choice(self.name or self.doc or self.unit, what, choice, choices)
         where = self.name or self.doc or f"a {self.role}"
-        for what, end in (("lo", self.lo), ("hi", self.hi)):
-            check_number(f"{where}: {what}", end, str(self.unit))
-            if math.isnan(end):
-                raise BadInput(f"{where}: {what} is NaN, which is no end of a range; leave it out")
+        for what, given in (("lo", self.lo), ("hi", self.hi), ("change", self.change),
+                            ("noise", self.jitter)):  # fmt: skip
+            if type(given) is not float:
+                check_number(f"{where}: {what}", given, str(self.unit))
+            if math.isnan(given):
+                raise BadInput(f"{where}: {what} is NaN; give a number, or leave it out")
         if self.lo > self.hi:
             raise BadInput(f"{where}: its range has lo = {self.lo:g} above hi = {self.hi:g}")
-        check_number(f"{where}: change", self.change, str(self.unit))
         if not self.change > 0:
             raise BadInput(
                 f"{where}: its largest change per tick is {self.change:g}; give a positive number"
             )
-        check_number(f"{where}: noise", self.jitter, str(self.unit))
         if not 0 <= self.jitter < math.inf:
             raise BadInput(f"{where}: noise = {self.jitter:g} is no finite number from 0 on")
-        follows = {b.what for b in self.bounds}
-        free = math.isinf(self.change) and "change" not in follows
-        if free and (self.jitter or "noise" in follows):
-            raise BadInput(f"{where}: noise is what is beside a largest change; give change, too")
-        check_whole(f"{where}: stale", self.stale, 0)
+        if (self.jitter or self.bounds) and math.isinf(self.change):
+            follows = {b.what for b in self.bounds}
+            if "change" not in follows and (self.jitter or "noise" in follows):
+                raise BadInput(
+                    f"{where}: noise is what is beside a largest change; give change, too"
+                )
+        if self.stale != 200:
+            check_whole(f"{where}: stale", self.stale, 0)
         for b in self.bounds:
             names_in(b.expression)
-        if any(not isinstance(n, int) or n < 1 for n in self.shape):
+        if self.shape and any(not isinstance(n, int) or n < 1 for n in self.shape):
             raise BadInput(f"{where}: shape {self.shape} has an extent below 1; write (n,), (n, m)")
         if self.rising and (len(self.shape) != 1 or self.shape[0] < 2):
             raise BadInput(f"{where}: places of a table have a shape (n,), n at least 2")
-        if self.value is not None and not isinstance(self.value, str):
+        self._take_value(where)
+
+    def _take_value(self, where: str) -> None:
+        """Check the value that the signal is made with, and note what is asked of it often."""
+        self.__dict__["derived"] = isinstance(self.value, str)
+        self.__dict__["size"] = math.prod(self.shape)
+        if self.value is not None and not self.derived:
             self.finite(where, self.value)
 
     def _typed(self) -> None:
@@ -211,7 +222,10 @@ class Signal:
 
     def valued(self, value: Any) -> Signal:
         """Return the same signal with another value."""
-        return replace(self, value=value)
+        same = object.__new__(Signal)
+        same.__dict__.update(self.__dict__, value=value)
+        same._take_value(self.name or self.doc or f"a {self.role}")
+        return same
 
     def as_role(self, role: str, **changes: Any) -> Signal:
         """Return the same quantity in another role (an output becomes an input, say)."""
@@ -228,24 +242,18 @@ class Signal:
 
         Its bounds go on speaking of the block that declares them.
         """
-        inside = f"{part}." if part else ""
-        bounds = tuple(replace(b, home=f"{inside}{b.home or self.name}") for b in self.bounds)
-        return replace(self, name=name, bounds=bounds)
+        same = self.named(name)
+        if self.bounds:
+            inside = f"{part}." if part else ""
+            same.__dict__["bounds"] = tuple(
+                replace(b, home=f"{inside}{b.home or self.name}") for b in self.bounds
+            )
+        return same
 
     @property
     def meanings(self) -> str:
         """What its numbers mean, ``0 apply, 1 hold, 2 release``; empty for a quantity."""
         return ", ".join(f"{k} {name}" for k, name in enumerate(self.values))
-
-    @property
-    def size(self) -> int:
-        """Number of elements."""
-        return math.prod(self.shape)
-
-    @property
-    def derived(self) -> bool:
-        """Whether the value is an expression of other signals."""
-        return isinstance(self.value, str)
 
     def shaped(self, where: str, value: Any) -> np.ndarray:
         """Return ``value`` as an array of this signal's shape, whatever its numbers.
@@ -297,9 +305,12 @@ class Signal:
         Raises:
             BadInput: with the place, the value and the range.
         """
-        plain = _plain(value) if self.shape == () else None
-        if plain is not None and self.lo <= plain <= self.hi and not self.whole:
-            return np.array(plain)
+        if not self.shape and not self.whole:  # most values are floats already
+            plain = value
+            if type(plain) is np.ndarray and plain.shape == () and plain.dtype == float:
+                plain = plain.item()
+            if isinstance(plain, float) and self.lo <= plain <= self.hi and math.isfinite(plain):
+                return np.array(float(plain))
         array = self.finite(where, value)
         if (array < self.lo).any() or (array > self.hi).any():
             worst = array.flat[int(np.argmax(np.abs(array - np.clip(array, self.lo, self.hi))))]
@@ -308,15 +319,6 @@ class Signal:
                 f" it must lie in [{self.lo:g}, {self.hi:g}] {self.unit}"
             )
         return array
-
-
-def _plain(value: Any) -> float | None:
-    """Finite number as a float where it is one already, which most values are; else None."""
-    if type(value) is np.ndarray and value.shape == () and value.dtype == float:
-        value = value.item()
-    if isinstance(value, float) and math.isfinite(value):
-        return float(value)
-    return None
 
 
 def real_array(value: Any) -> np.ndarray:
@@ -465,7 +467,7 @@ def numbers_and_bounds(lo: End, hi: End, **rest: End) -> dict[str, Any]:
 
 def total_size(signals: Iterable[Signal]) -> int:
     """Number of elements of all signals together."""
-    return sum(s.size for s in signals)
+    return sum([s.size for s in signals])
 
 
 def packed_numbers(signals: Mapping[str, Signal], values: Mapping[str, Any]) -> np.ndarray | None:
@@ -482,46 +484,3 @@ def packed_numbers(signals: Mapping[str, Signal], values: Mapping[str, Any]) -> 
         else:
             return None
     return found if at else None
-
-
-def names_in(text: str) -> list[str]:
-    """Names that an expression of other signals uses, functions left out.
-
-    Raises:
-        BadInput: not an expression.
-    """
-    return list(_names_in(text))
-
-
-@lru_cache(maxsize=4096)
-def _names_in(text: str) -> tuple[str, ...]:
-    try:
-        return tuple(sorted(expression.read(text).names))
-    except Faults as error:
-        raise BadInput(
-            f"{_cut(text)} is not an expression such as 'v / r': {error.lines[0]}"
-        ) from None
-
-
-def evaluate(text: str, values: Mapping[str, Any], where: str) -> Any:
-    """Evaluate an expression of other signals, ``"v / r"``, on numbers or CasADi symbols.
-
-    Raises:
-        BadInput: unknown name, or not an arithmetic expression.
-    """
-    try:
-        found = expression.read(text)
-    except Faults as error:
-        raise BadInput(f"{where}: {_cut(text)} is not an expression: {error.lines[0]}") from None
-    unknown = [n for n in found.names if n not in values]
-    if unknown:
-        raise BadInput(f"{where}: {_cut(text)} uses {unknown[0]!r}{nearest(unknown[0], values)}")
-    try:
-        return found.value(values)
-    except Exception as error:  # CasADi and numpy raise many kinds
-        reason = str(error).split("\n")[0]
-        raise BadInput(f"{where}: {_cut(text)} cannot be computed: {reason}") from None
-
-
-def _cut(text: str) -> str:
-    return repr(text if len(text) <= 60 else text[:57] + "...")

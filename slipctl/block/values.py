@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.fields import Fields
-from slipctl.block.order import solve_order
-from slipctl.block.signals import Signal, evaluate, names_in
+from slipctl.block.signals import Signal
+from slipctl.block.text.named_expressions import evaluate, names_in, solve_order
 from slipctl.errors import BadInput, nearest
 
 

@@ -26,13 +26,13 @@ from slipctl.run import interrupts, store
 from slipctl.run.results import Results
 from slipctl.study import case_setup, claim_scope, execution
 from slipctl.study.cache import Keep, key_of
-from slipctl.study.declaration import Verdict, judge
 from slipctl.study.failure_log import note_failure
 from slipctl.study.files import results_folder
 from slipctl.study.jobs import Cores
 from slipctl.study.report.remarks import answer_lines, estimator_remarks, warnings_of_runs
 from slipctl.study.report.texts import changes, claim_line, claim_table, left_to_full, metric_table
 from slipctl.study.request import Request
+from slipctl.study.verdicts import Verdict, judge
 
 log = logging.getLogger("slipctl")
 

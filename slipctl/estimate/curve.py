@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.block.signals import evaluate, names_in
+from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.block.units.unit_algebra import dimension_equal, factor, parse_quantity, unit
 from slipctl.errors import BadInput, nearest
 from slipctl.estimate.heads import python_name, read_heads

@@ -11,7 +11,8 @@ from typing import Any
 import casadi as ca
 
 from slipctl.block.block import Block
-from slipctl.block.signals import Signal, evaluate, names_in
+from slipctl.block.signals import Signal
+from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.block.units import unit_walk
 from slipctl.block.units.unit_algebra import Unit, dimension_equal, unit
 from slipctl.errors import BadInput

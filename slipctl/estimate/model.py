@@ -13,8 +13,9 @@ import numpy as np
 
 from slipctl.analysis.objective import settled_by
 from slipctl.block.block import Block, Exprs
-from slipctl.block.signals import Output, Param, Signal, State, evaluate, names_in
+from slipctl.block.signals import Output, Param, Signal, State
 from slipctl.block.text.intermediates import collect_locals, with_locals
+from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.errors import BadInput, nearest
 
 

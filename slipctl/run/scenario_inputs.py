@@ -14,7 +14,8 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.block.functions import symbol_maker
 from slipctl.block.shared_numbers import targets
-from slipctl.block.signals import Signal, evaluate, names_in, real_array
+from slipctl.block.signals import Signal, real_array
+from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.block.transforms.replication import with_derived
 from slipctl.errors import BadInput, nearest
 from slipctl.run.build import pack_numbers

@@ -14,7 +14,7 @@ from slipctl.study.declaration import Claim
 def changes(
     results: Results, settings: Sequence[str], swaps: Sequence[str], models: Mapping[str, Any]
 ) -> Callable[[Claim, set[str]], str] | None:
-    """What of a claim was changed, as :func:`~slipctl.study.declaration.judge` wants it.
+    """What of a claim was changed, as :func:`~slipctl.study.verdicts.judge` wants it.
 
     A printed number speaks of the paper's numbers: whatever was changed in a loop that its answer
     read, it is another. An order, a yes or no and a bound speak of a law. They still hold or fail

@@ -23,11 +23,12 @@ from slipctl.run.metrics import (
 from slipctl.run.results import Case, Results, Table, known_column
 from slipctl.run.simulation import simulate
 from slipctl.study.cache import Keep
-from slipctl.study.declaration import OPEN, Claim, Context, Study, Verdict, judge
+from slipctl.study.declaration import OPEN, Claim, Context, Study
 from slipctl.study.failure_log import note_failure
 from slipctl.study.failures import reason
 from slipctl.study.jobs import Cores, Job, run_jobs
 from slipctl.study.provenance import EXPERIMENT_SEED
+from slipctl.study.verdicts import Verdict, judge
 
 if TYPE_CHECKING:
     import xarray
@@ -297,7 +298,7 @@ def judge_all(
 
     Args:
         results: what ran.
-        changed: see :func:`~slipctl.study.declaration.judge`.
+        changed: see :func:`~slipctl.study.verdicts.judge`.
     """
     verdicts = []
     for claim in results.study.claims:

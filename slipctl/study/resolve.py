@@ -29,13 +29,14 @@ if TYPE_CHECKING:
     from slipctl.study.declaration import Study
 
 
-def _sources(package: str) -> Iterator[tuple[str, Path, ast.Module]]:
+def _sources(package: str) -> Iterator[tuple[str, Path, int]]:
+    """Name, file and time of its last change, of each study or model."""
     if package == "studies":
         found = {path.parent.name: path for path in registry.folder(package).glob("*/study.py")}
     else:
         found = model_files()
     for name in sorted(n for n in found if not n.startswith("_")):
-        yield name, found[name], _parsed(found[name], found[name].stat().st_mtime_ns)
+        yield name, found[name], found[name].stat().st_mtime_ns
 
 
 def model_files() -> dict[str, Path]:
@@ -60,7 +61,8 @@ def _first_line(node: ast.Module | ast.FunctionDef) -> str:
 
 def studies() -> dict[str, str]:
     """First line of each study by name, read without importing it."""
-    return {name: _first_line(tree) for name, _, tree in _sources("studies") if _assigns(tree)}
+    trees = {name: _parsed(path, changed) for name, path, changed in _sources("studies")}
+    return {name: _first_line(tree) for name, tree in trees.items() if _assigns(tree)}
 
 
 def _assigns(tree: ast.Module) -> bool:
@@ -76,15 +78,19 @@ def _assigns(tree: ast.Module) -> bool:
 
 def models() -> dict[str, tuple[str, dict[str, str]]]:
     """First line of each model module, and of each block in it, read without importing it."""
-    found = {}
-    for name, _, tree in _sources("models"):
-        blocks = {
-            f.name: _first_line(f)
-            for f in tree.body
-            if isinstance(f, ast.FunctionDef) and not f.name.startswith("_") and _makes_block(f)
-        }
-        found[name] = (_first_line(tree), blocks)
-    return found
+    return {name: _described(path, changed) for name, path, changed in _sources("models")}
+
+
+@lru_cache(maxsize=256)
+def _described(path: Path, changed: int) -> tuple[str, dict[str, str]]:
+    """First line of a model module, and of each block in it."""
+    tree = _parsed(path, changed)
+    blocks = {
+        f.name: _first_line(f)
+        for f in tree.body
+        if isinstance(f, ast.FunctionDef) and not f.name.startswith("_") and _makes_block(f)
+    }
+    return _first_line(tree), blocks
 
 
 def _makes_block(f: ast.FunctionDef) -> bool:

@@ -26,7 +26,7 @@ from slipctl import (
 )
 from slipctl.block.block import Block
 from slipctl.block.curves import places_of
-from slipctl.block.signals import evaluate
+from slipctl.block.text.named_expressions import evaluate
 from slipctl.block.units.unit_algebra import unit
 
 

@@ -37,7 +37,7 @@ def test_what_was_reached_stays_reached(rows):
 @pytest.mark.second
 def test_a_run_of_a_file_is_counted():
     found = {r.what: r.now for r in house.running()}
-    assert found["Python calls of `run metro.toml --set m=40t`"] > 1e4
+    assert found["own calls of `run metro.toml --set m=40t`"] > 1e4
     assert found["resolutions of its name"] >= 1
 
 

@@ -11,7 +11,7 @@ from slipctl.run.results import Results
 from slipctl.studies.freight_traction import claims, measures, study
 from slipctl.studies.freight_traction.loops import MODELS
 from slipctl.study import case_setup, execution
-from slipctl.study.declaration import judge
+from slipctl.study.verdicts import judge
 
 LOOPS = ("smes_robust", "esa_robust", "improved_robust", "paper_robust", "paper_printed",
          "smes_printed", "esa_printed", "improved_corrected")  # fmt: skip

@@ -20,7 +20,8 @@ from slipctl.run.metrics import Run, measure
 from slipctl.studies.hst_braking import experiments, limits, random_rails, study
 from slipctl.studies.hst_braking.loops import MODELS, NAMES, cases, closed_form_distance, sensing
 from slipctl.study import case_setup, execution
-from slipctl.study.declaration import half_last_digit, judge
+from slipctl.study.declaration import half_last_digit
+from slipctl.study.verdicts import judge
 
 
 @cache

@@ -19,7 +19,7 @@ from slipctl.studies.hst_traction.loops import (
     target,
 )
 from slipctl.study import case_setup, execution
-from slipctl.study.declaration import judge
+from slipctl.study.verdicts import judge
 
 
 @cache

@@ -13,7 +13,7 @@ import reading
 
 from slipctl import Results
 from slipctl.study import case_setup, execution, resolve
-from slipctl.study.declaration import judge
+from slipctl.study.verdicts import judge
 
 pytestmark = pytest.mark.second
 

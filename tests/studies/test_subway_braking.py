@@ -14,7 +14,8 @@ from slipctl.run.metrics import Run, measure
 from slipctl.studies.subway_braking import claims, estimation, study
 from slipctl.studies.subway_braking.loops import MODELS, cases
 from slipctl.study import execution
-from slipctl.study.declaration import Claim, judge
+from slipctl.study.declaration import Claim
+from slipctl.study.verdicts import judge
 
 LOOPS = ("smc", "sta", "sta_printed", "sta_online", "sta_rls")
 BY_ID = {c.id: c for c in study.claims}

@@ -19,10 +19,11 @@ from slipctl.run import store
 from slipctl.run.metrics import Metric
 from slipctl.run.results import NotRun, Results
 from slipctl.study import case_setup, execution
-from slipctl.study.declaration import Context, half_last_digit, judge
+from slipctl.study.declaration import Context, half_last_digit
 from slipctl.study.files import results_folder
 from slipctl.study.report.texts import metric_rows, metric_table, number, ranked_rows
 from slipctl.study.resolve import load_study
+from slipctl.study.verdicts import judge
 
 EMPTY = Results(toy_study.study, [])
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from slipctl.block.block import Block, Exprs
 from slipctl.block.fields import Composition
-from slipctl.block.signals import Signal, names_in
+from slipctl.block.signals import Signal
+from slipctl.block.text.named_expressions import names_in
 from slipctl.errors import BadInput, check_whole, nearest
 
 

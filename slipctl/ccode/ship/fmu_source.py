@@ -14,7 +14,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from slipctl.block.signals import evaluate, names_in
+from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.ccode.compile.files import c_number, start_elements
 from slipctl.ccode.module.guard_functions import range_condition
 from slipctl.ccode.module.header import head

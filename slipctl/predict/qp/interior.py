@@ -30,6 +30,21 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 
 from slipctl.block.text.intermediates import remember_locals
+from slipctl.predict.qp.interior_tolerances import (
+    EASE,
+    EASE_OF_UNKNOWNS,
+    EASED,
+    END,
+    ENOUGH,
+    FAR,
+    NEAR,
+    NEARLY,
+    POLISH,
+    ROUNDED,
+    SHORT,
+    STILL,
+    WIDE,
+)
 from slipctl.predict.qp.stage_loops import Repeated, scan
 from slipctl.predict.qp.status import DATA, FASTER, FREE, HIGH, NONE, SMALL, TIED
 from slipctl.predict.qp.step_length import mean_of, reach_of
@@ -38,34 +53,6 @@ if TYPE_CHECKING:
     from slipctl.predict.qp.active_set import ActiveSet
 
 FIRM, SOFT, CAPPED = "firm", "soft", "capped"
-
-POLISH = 4
-"""Passes of the active set from the statuses that were found."""
-
-END = 1e-15
-"""Mean product of slack and multiplier, over the largest multiplier, at which it is solved."""
-
-ENOUGH = 1e-13
-"""The same, where rounding brings no more digits or no step is left."""
-
-ROUNDED = 1e-8
-"""The same for controls without bounds, which may be so large that no step leads nearer."""
-
-STILL = 1e-11
-"""The same, below which a step that brings little ends it."""
-
-NEARLY = 0.5
-"""Mark of a state that is near enough, from which steps may still lead nearer."""
-
-SHORT = 0.3
-"""Share of a whole step below which its product of steps counts less; else it may go on for ever
-(Salahi, Peng, Terlaky, SIAM Journal on Optimization 18, 2007)."""
-
-WIDE = 1e3
-"""Distance, in sizes of a control, at which a bound is none."""
-
-FAR = 1e6
-"""Distance at which the limit of a row is none."""
 
 
 class Interior:
@@ -503,18 +490,3 @@ class Interior:
         symbols = [ca.MX.sym("z", sum(self.of.sizes)), *self.of.data()]
         stay = ca.Function("qp_settled", symbols, [symbols[0]], ["z", *DATA], ["z_next"])
         return ca.Function.if_else("qp_rescue", self._rescue(), stay)
-
-
-EASE = 1e-7
-"""Part of the change of a multiplier, over the largest, by which its row is eased for one step."""
-
-EASED = 1e-8
-"""Excess of a row that is still eased, where it is solved: rows of a million are rounded by a tenth
-of a billionth."""
-
-EASE_OF_UNKNOWNS = 1e-8
-"""The same where controls have no bounds: noises of several unknowns move a row together, and the
-largest W must leave them apart."""
-
-NEAR = 0.1
-"""Smallest slack to begin with."""

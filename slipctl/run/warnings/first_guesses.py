@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.block.signals import Signal, evaluate, names_in
+from slipctl.block.signals import Signal
+from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.run.rail import Scenario
 from slipctl.run.scenario_inputs import loop_at_start, rail_values
 from slipctl.run.warnings.doubts import meant_signal

@@ -16,11 +16,11 @@ import numpy as np
 from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.run.results import Results
-from slipctl.study.declaration import Verdict
 from slipctl.study.failure_log import note_failure
 from slipctl.study.jobs import Cores, Job, run_jobs
 from slipctl.study.provenance import provenance, stamp
 from slipctl.study.report.texts import tolerance_text, values_beyond_limit
+from slipctl.study.verdicts import Verdict
 
 if TYPE_CHECKING:
     import xarray

@@ -22,7 +22,7 @@ from slipctl.draw.plots import pretty
 from slipctl.run import store
 from slipctl.run.metrics import METRICS
 from slipctl.run.results import Results
-from slipctl.study.declaration import FAILED, OPEN, REPRODUCED, Verdict
+from slipctl.study.declaration import FAILED, OPEN, REPRODUCED
 from slipctl.study.provenance import provenance
 from slipctl.study.report.page_style import STYLE as STYLE
 from slipctl.study.report.remarks import answer_html, remarks_html, warnings_of_runs
@@ -41,6 +41,7 @@ from slipctl.study.report.texts import (
     tolerance_text,
     verdicts_of_run,
 )
+from slipctl.study.verdicts import Verdict
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block

@@ -12,16 +12,8 @@ import numpy as np
 from slipctl.block.units.unit_algebra import display_scale
 from slipctl.run.metrics import METRICS, Metric
 from slipctl.run.results import Results
-from slipctl.study.declaration import (
-    CHANGED,
-    FAILED,
-    NEEDS_FULL,
-    NOT_RUN,
-    OPEN,
-    REPRODUCED,
-    Claim,
-    Verdict,
-)
+from slipctl.study.declaration import FAILED, OPEN, REPRODUCED, Claim
+from slipctl.study.verdicts import CHANGED, NEEDS_FULL, NOT_RUN, Verdict
 
 DUST = 1e-30
 """Size below which a number is zero for a reader."""

@@ -1,0 +1,106 @@
+"""Torsion of a wheelset: modes, critical fall and limit cycle against closed forms."""
+
+from math import pi, sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from slipctl import BadInput
+from slipctl.models.wheel_rail.falling_creep import falling_creep
+from slipctl.models.wheel_rail.torsion import Wheelset, axle_stiffness, twisting_axle
+
+K_AXLE, LOAD, RADIUS = 7.526e6, 105e3, 0.625
+
+
+def two_wheels(J=150.0, damping=0.005):
+    return Wheelset((J, J), (K_AXLE,), (0, 1), LOAD, RADIUS, damping)
+
+
+def test_an_axle_of_190_mm():
+    assert axle_stiffness(0.19, 1.36) == pytest.approx(K_AXLE, rel=1e-2)  # of the steel's modulus
+
+
+@pytest.mark.parametrize(("J", "frequency"), [(100, 61.75), (150, 50.416), (200, 43.66)])
+def test_frequency_of_two_wheels(J, frequency):
+    assert two_wheels(J).modes()[0].frequency == pytest.approx(frequency, rel=1e-4)
+
+
+def test_critical_fall_of_two_wheels():
+    found = two_wheels().critical_fall
+    assert found == pytest.approx(0.011585, abs=5e-7)
+    assert found == pytest.approx(
+        2 * 0.005 * sqrt(2 * K_AXLE * 150) / (LOAD * RADIUS**2), rel=1e-12
+    )
+
+
+def test_a_rotor_behind_a_soft_shaft():
+    """practice_cases 4: 15.13 and 49.17 Hz, .005702 and .012680 s/m."""
+    modes = Wheelset((700, 190, 150), (2.2e6, K_AXLE), (1, 2), LOAD, RADIUS).modes()
+    assert [m.frequency for m in modes] == pytest.approx([15.13, 49.17], abs=6e-3)
+    assert [m.critical_fall for m in modes] == pytest.approx([0.005702, 0.012680], rel=1e-4)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(50, 500), st.floats(1e6, 2e7), st.floats(1e-3, 0.05), st.floats(0.5, 1.5))
+def test_beyond_the_critical_fall_the_eigenvalues_grow_and_before_they_do_not(J, k, z, share):
+    """The full matrix of states, put together here: its fastest eigenvalue changes sign there."""
+    if abs(share - 1) < 1e-3:
+        return
+    fall = share * Wheelset((J, J), (k,), (0, 1), LOAD, RADIUS, z).critical_fall
+    d = z * sqrt(2 * k * J)
+    K = k * np.array([[1, -1], [-1, 1.0]])
+    D = d * np.array([[1, -1], [-1, 1.0]]) - np.eye(2) * LOAD * RADIUS**2 * fall
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-K / J, -D / J]])
+    swinging = [e.real for e in np.linalg.eigvals(A) if abs(e.imag) > 1]
+    assert (max(swinging) > 0) == (share > 1)
+
+
+@pytest.mark.parametrize("slip", [0.5, 1.0, 2.0])
+def test_the_limit_cycle_is_between_sticking_and_twice_the_slip(slip):
+    """Torque near s sqrt(2 k J)/r; on a contact that is stiff, so that it sticks."""
+    law = falling_creep.with_params(mu_0=0.36, A=0.38, B=0.70, c=1500.0)
+    block = twisting_axle(law)
+    values, names = block.param_values(), list(block.states)
+    p, u = block.pack("param", values), block.pack("input", {"s": slip, "v": 10.0})
+
+    def rates(_, x):
+        return np.ravel(block.f(x, u, p)[0])
+
+    run = solve_ivp(rates, (0, 2.5), [0.0, 1e-3], max_step=4e-4, rtol=1e-6, atol=1e-8)
+    late = run.t > 2.2
+    torque = K_AXLE * np.abs(run.y[names.index("twist")][late]).max()
+    assert torque == pytest.approx(slip * sqrt(2 * K_AXLE * 150) / RADIUS, rel=0.05)
+    swing = RADIUS * np.abs(run.y[names.index("rate")][late]).max() / 2
+    assert swing == pytest.approx(slip, rel=0.05)
+
+
+def test_it_swings_where_the_curve_falls_faster_than_the_critical_fall_and_rests_elsewhere():
+    law = falling_creep.with_params(mu_0=0.36, A=0.38, B=0.70, c=664.0)
+    block = twisting_axle(law)
+    p = block.pack("param", block.param_values())
+    for slip, grows in ((0.15, False), (0.3, True), (3.6, True), (3.8, False)):
+        u = block.pack("input", {"s": slip, "v": 10.0})
+        h, rows = 1e-7, []
+        for step in np.eye(2) * h:
+            ahead, back = (np.ravel(block.f(x, u, p)[0]) for x in (step, -step))
+            rows.append((ahead - back) / (2 * h))
+        A = np.array(rows).T
+        assert (np.linalg.eigvals(A).real.max() > 0) == grows, slip
+        assert np.abs(np.linalg.eigvals(A).imag).max() / (2 * pi) == pytest.approx(50.4, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"inertias": (1.0,)}, {"stiffness": (1.0, 2.0)}, {"wheels": ()}, {"wheels": (2,)},
+        {"load": 0.0}, {"damping": -1.0},
+    ],
+)  # fmt: skip
+def test_wheelsets_that_are_none(given):
+    whole = {"inertias": (1.0, 1.0), "stiffness": (1.0,), "wheels": (0, 1), "load": 1.0,
+             "radius": 1.0} | given  # fmt: skip
+    with pytest.raises(BadInput):
+        Wheelset(**whole)
