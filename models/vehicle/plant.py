@@ -218,7 +218,8 @@ def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None
 
     Its input is ``T_cmd``, the command of each axle that has an actuator, seen as a braked one.
     With air brakes it is the bits ``hold`` and ``vent`` of each axle, and ``T_demand``, the torque
-    that is demanded of one. It gives ``T``, the torque of each of them, and ``omega``, their speeds.
+    that is demanded of one. It gives ``T``, the torque of each of them, and ``omega``, their
+    speeds.
 
     Args:
         vehicle: numbers of the vehicle.
