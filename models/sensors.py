@@ -1,5 +1,6 @@
 """Sensors: tooth wheel with a timer, speed with noise, and adhesion computed from both."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from casadi import erf, floor, fmax, fmin, if_else, mmax, mmin, pi, sqrt, vertcat
@@ -115,6 +116,34 @@ def noisy_sensor(unit: str) -> Block:
         return dict(last=y), dict(y=y)
 
     return sensor
+
+
+def wheel_sensors_with_faults(axles: int, kinds: Sequence[str]) -> Block:
+    """Make wheel sensors of which some fail from a time on.
+
+    Args:
+        axles: how many.
+        kinds: of each: "" for one that does not fail, "frozen", "missing" or "jumps".
+    """
+    each = (axles,)
+
+    @step(y=Output("rad/s", "what is read", shape=each), name="fault",
+          choices={"kinds": tuple(kinds)})  # fmt: skip
+    def sensors(
+        t=State("s", 0.0, "time since the start", lo=0, hi=1e6),
+        last=State("rad/s", 0.0, "what was read last", shape=each),
+        u=Input("rad/s", "what a sound sensor reads", shape=each),
+        begin=Param("s", 0.0, "time from which it fails", shape=each, lo=0, hi=1e6),
+        share=Param("1", 0.0, "by which one that jumps reads more", shape=each, lo=-1, hi=10),
+        T=Param("s", 1e-3, "sample period", lo=1e-6, hi=0.1),
+    ):  # fmt: skip
+        """A frozen one keeps its last value, one without pulses reads 0, one jumps by a share."""
+        wrong = {"": u, "frozen": last, "missing": 0 * u, "jumps": (1 + share) * u}
+        read = [if_else(t >= begin[k], wrong[kind][k], u[k]) for k, kind in enumerate(kinds)]
+        y = vertcat(*read)
+        return dict(t=t + T, last=y), dict(y=y)
+
+    return sensors
 
 
 def speed_of_wheels(axles: int, driven: bool = False) -> Block:

@@ -1,6 +1,7 @@
 """A vehicle of one's own, put together from parts: numbers in, closed loops out."""
 
 from slipctl.models.vehicle.parts import (
+    Air,
     Car,
     Constant,
     Contamination,
@@ -16,8 +17,10 @@ from slipctl.models.vehicle.parts import (
     Patch,
     Predictive,
     Profile,
+    ScheduledPI,
     Searched,
     Sensors,
+    SlideProtection,
     SlipControl,
     SlipLaw,
     SlipRatio,

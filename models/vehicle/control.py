@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import lru_cache
 
-from casadi import fabs, fmax, fmin, if_else, logic_and
+from casadi import fabs, fmax, fmin
 
 from slipctl import (
     BadInput,
@@ -22,30 +22,38 @@ from slipctl import (
     Output,
     Param,
     Signal,
-    State,
     argmax,
     connect,
+    every,
     gated,
     law,
     make_block,
     replicate,
-    step,
 )
 from slipctl.block.units.unit_algebra import parse_quantity, unit
 from slipctl.errors import Faults, nearest
 from slipctl.estimate.model import unknown_parameters
 from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
-from slipctl.models.common_form import ADDED, T_S, Wheel
+from slipctl.models.common_form import Wheel
 from slipctl.models.predictive.predictive_slip import predictive
+from slipctl.models.vehicle.air.valve_control import (
+    slide_protection,
+    torque_to_bits,
+    valves_at_rest,
+)
 from slipctl.models.vehicle.failure import trust
 from slipctl.models.vehicle.parts import (
+    TICK,
+    Air,
     Controller,
     DemandAlone,
     OwnLaw,
     Predictive,
     Reference,
+    ScheduledPI,
     Searched,
+    SlideProtection,
     SlipControl,
     SlipLaw,
     SlipSpeed,
@@ -59,20 +67,46 @@ from slipctl.models.vehicle.safe_output import (
     safe_command,
     sample,
 )
+from slipctl.models.vehicle.slip.scheduled_pi import scheduled_pi
+from slipctl.models.vehicle.slip.takeover import (
+    applied,
+    demand_alone,
+    released_torque,
+    released_valves,
+    slip_from_speeds,
+    turns,
+    wake,
+    watch,
+)
 from slipctl.study.resolve import load_block
 
-WINDOW = 16
-"""Ticks over which the adhesion is measured."""
+WINDOW = 0.016
+"""Time in s over which the adhesion is measured, and from one search for the best slip on."""
+
+
+def ticks_of(time: float, trip: Trip) -> int:
+    """Whole periods of the controllers, one at least, that are nearest to a time in s."""
+    return max(round(time / trip.control.period), 1)
+
+
+def at_period(block: Block, trip: Trip) -> Block:
+    """Control of a vehicle at the period of the trip, its sample times set to that."""
+    n = round(trip.control.period / TICK)
+    if n == 1:
+        return block
+    own = {k: trip.control.period for k in block.params
+           if k.rpartition(".")[2] in ("T", "T_s") and not k.startswith("estimator.")
+           and not block.params[k].derived and block.params[k].unit == "s"}  # fmt: skip
+    return every(block.with_params(**own), n)
 
 
 def wheel(trip: Trip, reference: Reference | None = None) -> Wheel:
     """Wheel of the vehicle, as a controller knows it."""
     vehicle, act = trip.vehicle, trip.actuator
     share = len(vehicle.worked)
-    lag = act.lag if hasattr(act, "lag") else (act.fill + act.vent) / 2
     return Wheel(
         J=vehicle.wheel_inertia, r=trip.one_radius, W=vehicle.total / vehicle.axles,
-        m=vehicle.total / share, g=vehicle.gravity, T_max=act.torque, tau=lag,
+        m=vehicle.total / share, g=vehicle.gravity, T_max=act.torque, tau=act.usual_lag,
         v_best=typical_slip(reference or trip.reference, vehicle.speed), v=max(vehicle.speed, 1.0),
     )  # fmt: skip
 
@@ -141,30 +175,6 @@ def numbers_of(block: Block, given: Mapping[str, float | str], where: str) -> di
 # ---- what comes before and after a law -----------------------------------------------------------
 
 
-def slip_from_speeds(driven: bool) -> Block:
-    """Make the slip from both speeds, and the wheel speed as a braked wheel would have it.
-
-    Args:
-        driven: whether the wheel is driven; its slip is its creep then.
-    """
-    turn = -1 if driven else 1
-
-    @law(
-        v_s=Output("m/s", "measured slip speed", positive="braking", per="speed"),
-        omega_s=Output("rad/s", "wheel speed, seen as that of a braked wheel"),
-        name="slip", choices={"driven": driven},
-    )  # fmt: skip
-    def slip(
-        v=Input("m/s", "measured vehicle speed"),
-        omega=Input("rad/s", "measured wheel speed"),
-        r=Param("m", 0.42, "wheel radius", ADDED, lo=0.2, hi=1),
-    ):
-        """v_s = v - r omega; of a driven wheel r omega - v."""
-        return dict(v_s=turn * (v - r * omega), omega_s=turn * omega)
-
-    return slip
-
-
 def fixed_reference(part: Reference) -> Block:
     """Make a reference that nothing searches: a slip speed, or a share of the vehicle's speed."""
     if isinstance(part, SlipSpeed):
@@ -200,88 +210,6 @@ def fixed_reference(part: Reference) -> Block:
     return ratio
 
 
-def wake(always: bool) -> Block:
-    """Make what says whether slip control rules in this tick.
-
-    Args:
-        always: whenever it can, not only when an axle slips.
-    """
-
-    @law(
-        on=Output("1", "1 while slip control rules, else 0", lo=0, hi=1),
-        slips=Output("1", "1 while the wheel slips by more than rolling", lo=0, hi=1),
-        name="wake", choices={"always": always},
-    )  # fmt: skip
-    def waking(
-        ruling=Input("1", "1 where slip control ruled and goes on"),
-        v=Input("m/s", "vehicle speed that is believed"),
-        v_s=Input("m/s", "measured slip speed", positive="braking", per="speed"),
-        v_best=Input("m/s", "slip to go to", positive="braking", per="speed"),
-        ready=Input("1", "1 where slip control can go by the samples"),
-        share=Param("1", 0.5, "slip over its reference at which it takes over", ADDED, lo=0, hi=1),
-        least=Param("m/s", 0.3, "slip below which it does not, as noise is", ADDED, lo=0, hi=20),
-        v_off=Param("m/s", 1.0, "speed below which it is off", ADDED, lo=0, hi=200),
-    ):
-        """On from the first large slip, while it can go by the samples."""
-        slips = v_s > fmax(share * v_best, least)
-        can = logic_and(v >= v_off, ready > 0.5)
-        return dict(on=if_else(can, 1 if always else fmax(ruling, slips), 0), slips=slips)
-
-    return waking
-
-
-def watch(always: bool) -> Block:
-    """Make what says when slip control gives back.
-
-    Args:
-        always: it never does.
-    """
-
-    @step(on=Output("1", "1 while slip control rules, else 0"), name="watch",
-          choices={"always": always})  # fmt: skip
-    def watching(
-        ruling=State("1", 1.0 if always else 0.0, "1 while slip control rules"),
-        idle=State("s", 0.0, "how long the demand has been the smaller one"),
-        rules=Input("1", "1 while slip control rules, else 0"),
-        slips=Input("1", "1 while the wheel slips by more than rolling"),
-        T_wanted=Input("N m", "torque that slip control wants", positive="braking"),
-        T_demand=Input("N m", "torque that is demanded", positive="braking"),
-        rest=Param("s", 0.2, "time of ruling demand after which it gives back", ADDED, lo=0, hi=60),
-        T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
-    ):
-        """It gives back when the demand has been the smaller torque for a while."""
-        calm = logic_and(logic_and(rules > 0.5, T_wanted >= T_demand), slips < 0.5)
-        waited = if_else(calm, idle + T, 0)
-        stay = rules if always else if_else(waited >= rest, 0, rules)
-        return dict(ruling=stay, idle=waited), dict(on=rules)
-
-    return watching
-
-
-@law(T_cmd=Output("N m", "commanded torque", positive="braking", lo=0, hi="T_max"))
-def applied(
-    T_wanted=Input("N m", "torque that slip control wants", positive="braking"),
-    T_demand=Input("N m", "torque that is demanded", positive="braking"),
-    T=Input("N m", "torque at the wheel, as measured", positive="braking"),
-    on=Input("1", "1 while slip control rules"),
-    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
-    lead=Param("1", 1.0, "time constant of the actuator over the one it is to have", lo=1, hi=20),
-):
-    """The demand, or what slip control wants where that is less; see ``common_form.limits``."""
-    top = fmin(fmax(T_demand, 0), T_max)
-    led = T + lead * (fmin(T_max, fmax(0, T_wanted)) - T)
-    return if_else(on > 0.5, fmin(top, fmax(0, led)), top)
-
-
-@law(T_cmd=Output("N m", "commanded torque", positive="braking", lo=0, hi="T_max"), name="applied")
-def demand_alone(
-    T_demand=Input("N m", "torque that is demanded", positive="braking"),
-    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
-):
-    """The demand as it is, within the limits."""
-    return fmin(fmax(T_demand, 0), T_max)
-
-
 # ---- all of one axle -----------------------------------------------------------------------------
 
 
@@ -306,9 +234,17 @@ def slip_law(trip: Trip, part: Controller, w: Wheel) -> tuple[Block, bool]:
         names = ("ticks", "horizon", "slip", "change", "beyond", "rate", "pole", "smooth")
         settings = {n: getattr(part, n) for n in names}
         settings |= {n: int(settings[n]) for n in ("ticks", "horizon")}
-        return predictive(law_and_guess(searching)[0], **settings, gate=True)(w), True
+        return predictive(
+            law_and_guess(searching)[0], **settings, tick=trip.control.period, gate=True
+        )(w), True
+    if isinstance(part, ScheduledPI):
+        block = scheduled_pi.with_params(
+            K=part.K, T_i=part.integral, T_t=part.follow, v_n=part.full, least=part.least, J=w.J,
+            r=w.r,
+        )  # fmt: skip
+        return block, False
     if isinstance(part, SlipLaw):
-        block = form.laws(driven)[part.kind](w)
+        block = form.laws(driven, trip.control.period)[part.kind](w)
     else:
         assert isinstance(part, OwnLaw)
         block = load_block(part.block)
@@ -337,25 +273,21 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
 
     Returns:
         Step from ``omega`` and ``T`` (torque of the actuator) of each axle, ``v`` and ``T_demand``
-        to ``T_cmd`` of each. Its inputs may be anything; see :mod:`slipctl.models.vehicle.failure`.
+        to ``T_cmd`` of each; of an air brake to its bits ``hold`` and ``vent`` too. Its inputs may
+        be anything; see :mod:`slipctl.models.vehicle.failure`. It runs every period of the trip.
     """
     w, axles = wheel(trip, getattr(part, "reference", None)), len(trip.vehicle.worked)
     if isinstance(part, DemandAlone):
         wires = {"apply.T_demand": "T_demand", "T_cmd": "apply.T_cmd"}
-        alone = connect("ctl", wires, apply=demand_alone.with_params(T_max=w.T_max))
-        return replicate(with_control_ranges(alone, trip, w), axles, ["T_demand"])
-    parts, wires = _axle(trip, part, w)
+        own: dict[str, Block] = {"apply": demand_alone.with_params(T_max=w.T_max)}
+        if isinstance(trip.actuator, Air):
+            own["valves"] = valves_at_rest
+            wires |= {"valves.T_cmd": "apply.T_cmd", "hold": "valves.hold", "vent": "valves.vent"}
+        alone = with_control_ranges(connect("ctl", wires, **own), trip, w)
+        return at_period(replicate(alone, axles, ["T_demand"]), trip)
+    parts, wires = _controlled_axle(trip, part, w)
     driven = trip.vehicle.mode == "drive"
-    parts["sample"], parts["safe"] = sample, safe_command(safe_output(trip), driven).with_params(
-        v_off=trip.control.off, limit=trip.control.release,
-        limit_still=trip.control.release_still,
-    )  # fmt: skip
-    wires |= {
-        "sample.mu_m": "meter.mu_m", "sample.v_s_m": "meter.v_s_m", "sample.ready": "trust.ready",
-        "safe.T_slip": "apply.T_cmd", "safe.T_demand": "trust.demand", "safe.on": "wake.on",
-        "safe.ready": "trust.ready", "safe.sound": "law.sound", "safe.stands": "trust.stands",
-        "safe.v": "trust.v", "safe.retry": "trust.retry", "T_cmd": "safe.T_cmd",
-    }  # fmt: skip
+    _let_go(trip, parts, wires)
     one = ("trust.v", "trust.demand", "trust.retry")
     common = {k for k, source in wires.items() if source in one} | {"fall.a_R", "probe.limit"}
     copies = {
@@ -365,10 +297,16 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     judge = trust(axles, driven, **of_inputs(trip, w))
     wires |= {
         "trust.v": "v", "trust.omega": "omega", "trust.T_b": "T", "trust.T_demand": "T_demand",
-        "trust.T_cmd": "safe.T_h",
     }  # fmt: skip
+    if trip.control.let_go is not None:
+        copies["turn"] = turns(axles).with_params(
+            T_max=w.T_max, time=trip.control.let_go, every_=trip.control.let_go_every
+        )
     block = with_control_ranges(connect("ctl", wires, trust=judge, **copies), trip, w)
-    return block.with_params(**_numbers(block, w))
+    own = _numbers(block, w)
+    if isinstance(trip.actuator, Air):  # the bits explain the torque, so its model has no lag
+        own["trust.tau"] = TICK
+    return at_period(block.with_params(**own), trip)
 
 
 def safe_output(trip: Trip) -> str | float:
@@ -379,6 +317,48 @@ def safe_output(trip: Trip) -> str | float:
     return given if given in ("demand", "hold") else float(torque_of(given))
 
 
+def _controlled_axle(
+    trip: Trip, part: Controller, w: Wheel
+) -> tuple[dict[str, Block], dict[str, str]]:
+    """Parts of one axle up to its command, a torque or the bits of its valves, and their wires."""
+    if isinstance(part, SlideProtection):
+        return slide_protection(trip, part, w)
+    parts, wires = _axle(trip, part, w)
+    parts["sample"], parts["safe"] = sample, safe_command(
+        safe_output(trip), trip.vehicle.mode == "drive"
+    ).with_params(
+        v_off=trip.control.off, limit=trip.control.release,
+        limit_still=trip.control.release_still,
+    )  # fmt: skip
+    wires |= {
+        "sample.mu_m": "meter.mu_m", "sample.v_s_m": "meter.v_s_m", "sample.ready": "trust.ready",
+        "safe.T_slip": "apply.T_cmd", "safe.T_demand": "trust.demand", "safe.on": "wake.on",
+        "safe.ready": "trust.ready", "safe.sound": "law.sound", "safe.stands": "trust.stands",
+        "safe.v": "trust.v", "safe.retry": "trust.retry", "T_cmd": "safe.T_cmd",
+        "trust.T_cmd": "safe.T_h",
+    }  # fmt: skip
+    if isinstance(trip.actuator, Air):
+        more, others = torque_to_bits(trip)
+        parts, wires = parts | more, wires | others
+    return parts, wires
+
+
+def _let_go(trip: Trip, parts: dict[str, Block], wires: dict[str, str]) -> None:
+    """Add what lets an axle go in turn: ``release`` behind all that makes its command."""
+    if trip.control.let_go is None:
+        return
+    wires |= {"turn.v": "trust.v", "turn.T_b": "trust.T_b", "turn.T_demand": "trust.demand",
+              "release.free": "turn.free"}  # fmt: skip
+    if isinstance(trip.actuator, Air):
+        parts["release"] = released_valves
+        for bit in ("hold", "vent"):
+            wires |= {f"release.{bit}_by": wires[bit], bit: f"release.{bit}",
+                      f"model.{bit}": f"release.{bit}"}  # fmt: skip
+    else:
+        parts["release"] = released_torque.with_params(T_max=trip.actuator.torque)
+        wires |= {"release.T_slip": wires["T_cmd"], "T_cmd": "release.T_cmd"}
+
+
 def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dict[str, str]]:
     """Parts of the slip control of one axle, and their wires."""
     reference = part.reference or trip.reference
@@ -387,7 +367,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
     always = type(trip.demand).__name__ == "Most"
     parts: dict[str, Block] = {
         "slip": slip_from_speeds(trip.vehicle.mode == "drive"),
-        "meter": sensors.adhesion_meter(window=WINDOW, torque="sampled"),
+        "meter": sensors.adhesion_meter(window=ticks_of(WINDOW, trip), torque="sampled"),
         "force": form.force,
         "fall": form.fall,
         "law": contained_block(law_block if gated_inside else gated(law_block)),
@@ -422,7 +402,9 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
              "T_top": "trust.demand"}  # fmt: skip
     if isinstance(reference, Searched):
         curve, begin = law_and_guess(reference)
-        found, given = _searched(curve, tuple(begin.items()), reference.noise)
+        found, given = _searched(
+            curve, tuple(begin.items()), reference.noise, ticks_of(WINDOW, trip)
+        )
         inner = dict(given)
         peak = typical_slip(reference, trip.vehicle.speed)
         parts["reference"] = reference_with_floor(peak, of_inputs(trip, w)["gate"] - 0.1)
@@ -452,10 +434,10 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
 
 @lru_cache(maxsize=8)
 def _searched(
-    curve: Block, begin: tuple[tuple[str, float], ...], noise: float
+    curve: Block, begin: tuple[tuple[str, float], ...], noise: float, ticks: int
 ) -> tuple[Mapping[str, Block], Mapping[str, str]]:
     """Parts that find the best slip, and their wires; made once for all controllers of a trip."""
-    parts, wires = best_slip.search_parts(curve, dict(begin), noise)
+    parts, wires = best_slip.search_parts(curve, dict(begin), noise, ticks)
     return parts | searched_ranges(parts, curve, dict(begin)), wires
 
 

@@ -32,8 +32,9 @@ from slipctl import (
 from slipctl.models.brakes import brake, brake_gain
 from slipctl.models.common_form import T_S
 from slipctl.models.shared_names import SLOPE
+from slipctl.models.vehicle.air.pneumatics import cylinder, magnet_valves, reservoir
 from slipctl.models.vehicle.cars import load_transfer, masses_of_axles, pads_of_axles
-from slipctl.models.vehicle.parts import Actuator, Lag, Valve, Vehicle
+from slipctl.models.vehicle.parts import Actuator, Air, Lag, Valve, Vehicle
 from slipctl.models.wheel_rail.axles import Axles, rolling
 from slipctl.models.zhang_2021.ep_valve import air_brake, dead_time, ep_valve
 from slipctl.models.zhang_2021.hst_braking import davis
@@ -147,6 +148,45 @@ def actuator(part: Actuator) -> Block:
     return connect("act", wires | {"act.T_cmd": last}, share=inner, **before, act=block)
 
 
+def air_brake_of_axle(part: Air, mass: float) -> Block:
+    """Air brake of one axle, from the bits ``hold`` and ``vent`` and the demand to ``T_b``.
+
+    Args:
+        part: numbers of the brake. mass: of the vehicle in kg.
+    """
+    k_f, k_v = part.rates
+    valves = magnet_valves(round(part.dead_time / T_S)).with_params(pulse=part.pulse)
+    numbers = {"k_f": k_f, "k_v": k_v, "V": part.volume, "T_max": part.torque,
+               "p_full": part.pressure, "weighed": (part.weighed or mass) / mass}  # fmt: skip
+    wires = {
+        "valves.hold": "hold", "valves.vent": "vent", "cylinder.hold": "valves.hold",
+        "cylinder.vent": "valves.vent", "cylinder.T_demand": "T_demand",
+        "cylinder.supply": "supply", "T_b": "cylinder.T_b", "pressure": "cylinder.pressure",
+        "drawn": "cylinder.drawn", "switched": "valves.switched",
+    }  # fmt: skip
+    return connect("act", wires, share={"T_max": ["cylinder.T_max"], "T": "*.T"}, valves=valves,
+                   cylinder=cylinder.with_params(**numbers))  # fmt: skip
+
+
+def _air(part: Air, vehicle: Vehicle, many: int) -> tuple[dict[str, Block], dict[str, str]]:
+    """Air brakes of all axles, with the air of the vehicle, and their wires."""
+    one = air_brake_of_axle(part, vehicle.total)
+    numbers = {"p_s": part.supply, "p_start": part.reserve or part.supply, "charge": part.charge}
+    if part.reservoir is not None:
+        numbers["V_r"] = part.reservoir
+    parts = {
+        "act": replicate(one, many, ["T_demand", "supply"]),
+        "air": reservoir(many).with_params(**numbers),
+    }
+    ticks, demand = round(part.reaction / T_S), "T_demand"
+    wires = {"act.hold": "hold", "act.vent": "vent", "act.supply": "air.supply",
+             "air.drawn": "act.drawn", "pressure": "act.pressure"}  # fmt: skip
+    if ticks:
+        parts["reaction"] = dead_time(ticks, "N m", "braking")
+        wires["reaction.u"], demand = "T_demand", "reaction.y"
+    return parts, wires | {"act.T_demand": demand}
+
+
 def motor_limit(part: Lag, radius: float) -> Block:
     """Make the limit of a motor, or of an electric brake, over the speed of its wheel.
 
@@ -176,8 +216,10 @@ def motor_limit(part: Lag, radius: float) -> Block:
 def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None = None) -> Block:
     """Connect actuators, axles, resistance and contact.
 
-    Its input is ``T_cmd``, the command of each axle that has an actuator, seen as a braked one. It
-    gives ``T``, the torque of each of them, and ``omega``, their speeds.
+    Its input is ``T_cmd``, the command of each axle that has an actuator, seen as a braked one.
+    With air brakes it is the bits ``hold`` and ``vent`` of each axle, and ``T_demand``, the torque
+    that is demanded of one. It gives ``T``, the torque of each of them, and ``omega``, their
+    speeds.
 
     Args:
         vehicle: numbers of the vehicle.
@@ -198,17 +240,18 @@ def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None
         m=vehicle.total, r=r, **masses_of_axles(vehicle), g=vehicle.gravity, B_t=0.0,
         v=vehicle.speed,
     )  # fmt: skip
-    one = actuator(part)
+    brakes, commands = ({"act": replicate(actuator(part), many)}, {"act.T_cmd": "T_cmd"}) if (
+        not isinstance(part, Air)) else _air(part, vehicle, many)  # fmt: skip
     c0, c1, c2 = vehicle.resistance.of(vehicle.total)
     parts = {
-        "act": replicate(one, many),
+        **brakes,
         "res": davis.with_params(c0=c0, c1=c1, c2=c2),
         "grade": with_gradient.with_params(m=vehicle.total, g=vehicle.gravity),
         "train": train,
     }
     torque = "act.T_b"
     wires = {
-        "act.T_cmd": "T_cmd",
+        **commands,
         "res.v": "train.v",
         "grade.F_R": "res.F_R",
         "train.F_d": "grade.F_d",

@@ -19,13 +19,13 @@ from slipctl.models.common_form import T_S, Wheel
 from slipctl.models.ranges import FLAG, of_those
 from slipctl.models.vehicle.failure import BEHIND, DRAG, MEASURED, NEVER, WORN
 from slipctl.models.vehicle.parts import (
+    Air,
     Exact,
     Lag,
     NoisySpeed,
     NoisyWheel,
     ToothWheel,
     Trip,
-    WheelsOnly,
     torque_of,
 )
 
@@ -175,9 +175,9 @@ def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
     if isinstance(of, NoisySpeed):
         unseen += of.step + _lost(of) * 3.0 * T_S
         gate += 5 * of.deviation + unseen - 0.1
-    elif isinstance(of, WheelsOnly):
+    elif trip.sensors.of_wheels:
         gate += w.r * noise
-    lag = act.lag if isinstance(act, Lag) else max(act.fill, act.vent)
+    lag = 0.0 if isinstance(act, Air) else act.longest_lag  # of air the bits explain the torque
     full = act.torque / act.rate if isinstance(act, Lag) and act.rate else 0.0
     lost: float = {"": w.T_max if vehicle.mode == "brake" else 0.0, "largest": w.T_max}.get(
         trip.control.demand_lost,

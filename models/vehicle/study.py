@@ -8,7 +8,7 @@ from typing import Any
 from slipctl.models.vehicle.certificate import axle_loops
 from slipctl.models.vehicle.certificate.gains import gains, reasons_without_certificate
 from slipctl.models.vehicle.contamination import patches_of_seed
-from slipctl.models.vehicle.parts import Drawn, Trip, number_with_unit
+from slipctl.models.vehicle.parts import Air, Drawn, Trip, number_with_unit
 from slipctl.models.vehicle.parts.plausibility import unusual_numbers
 from slipctl.models.vehicle.trip import case
 from slipctl.run.roles import Signals
@@ -32,8 +32,14 @@ LOG = (
     "plant.field.W_seen", "plant.field.S_seen", "plant.field.sand", "plant.train.P_contact",
     "plant.train.E_kin", "plant.train.P_drive", "plant.train.P_brake",
     "plant.train.P_bearing", "plant.train.P_slip", "plant.train.P_d",
+    "plant.pressure", "plant.act.hold", "plant.act.vent", "plant.act.switched", "plant.air.used",
+    "plant.air.left", "ctl.hold", "ctl.vent",
 )  # fmt: skip
 """Signals that a log keeps of every loop."""
+
+
+BITS = "it acts by the bits of two valves; a certificate is made for a torque that follows a lag"
+"""Why a controller of an air brake has no certificate."""
 
 
 def _speeds(results: Any) -> Any:
@@ -109,15 +115,16 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         f" {vehicle.total / 1e3:g} t on {vehicle.axles} axles, at the start at"
         f" {3.6 * vehicle.speed:.4g} km/h."
     )
-    if trip.rail.contamination is None:
-        proved, unproved = (*gains(trip), *axle_loops.gains(trip)), reasons(trip)
-    else:
-        proved, unproved = (), dict.fromkeys(trip.controllers, NO_LAYER)
+    asked, why = (*gains(trip), *axle_loops.gains(trip)), reasons(trip)
+    for unlike, said in ((isinstance(trip.actuator, Air), BITS),
+                         (trip.rail.contamination is not None, NO_LAYER)):  # fmt: skip
+        if unlike:
+            asked, why = (), dict.fromkeys(trip.controllers, said)
     return Study(
         name=name, title=trip.title, source=source, doc=doc, cases=cases,
         signals=replace(SIGNALS, mirrored=vehicle.mode == "drive"),
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
-        ensembles=ensembles, gains=proved, uncertified=unproved,
+        ensembles=ensembles, gains=asked, uncertified=why,
         without_effect=(*parts_without_effect(trip), *unusual_numbers(trip)),
         figures={
             "speeds": Figure("Speed of the vehicle and of a rim", _speeds),

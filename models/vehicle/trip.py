@@ -42,28 +42,31 @@ from slipctl import (
 )
 from slipctl.block.units.unit_algebra import unit
 from slipctl.errors import BadInput, Faults, nearest
-from slipctl.models import sensors
 from slipctl.models.common_form import ADDED, T_S
 from slipctl.models.vehicle.adhesion import law_faults
 from slipctl.models.vehicle.books import known_of_trip
 from slipctl.models.vehicle.contamination import best_of_layer, contaminated_law, field_of_rail
 from slipctl.models.vehicle.control import numbers_of, vehicle_control
+from slipctl.models.vehicle.measurement.sensor_parts import (
+    at_one_radius,
+    vehicle_speed,
+    wheel_speeds,
+    with_faults,
+)
 from slipctl.models.vehicle.parts import (
     STANDSTILL,
+    TICK,
+    Air,
     Constant,
     Controller,
-    Exact,
     Lag,
     Most,
-    NoisySpeed,
-    NoisyWheel,
     Profile,
     ToothWheel,
     Trip,
     number_with_unit,
 )
 from slipctl.models.vehicle.plant import on_train, plant
-from slipctl.models.vehicle.wheels import bounded_speed, known_radii, learnt_radii
 from slipctl.run.results import Loops
 from slipctl.study.resolve import load_block
 
@@ -275,13 +278,18 @@ def loop(trip: Trip, controller: Controller | str, common: Common | None = None)
     wires = {
         "demand.x": "plant.train.x",
         "ctl.T_demand": "demand.T_demand",
-        "plant.T_cmd": "ctl.T_cmd",
         "slip.u": "plant.train.v_s",
     }
+    if isinstance(trip.actuator, Air):
+        wires |= {"plant.hold": "ctl.hold", "plant.vent": "ctl.vent",
+                  "plant.T_demand": "demand.T_demand"}  # fmt: skip
+    else:
+        wires["plant.T_cmd"] = "ctl.T_cmd"
     if "omega" in ctl.inputs:
-        measured = _one_radius(trip, parts, _wheel_speed(trip, parts))
+        read = with_faults(trip, parts, wheel_speeds(trip, parts))
+        measured = at_one_radius(trip, parts, read)
         wires |= {"ctl.T": "plant.T"} | measured
-        v = _vehicle_speed(trip, parts, wires)
+        v = vehicle_speed(trip, parts, wires)
         wires |= {"ctl.v": v}
     else:
         v = "plant.train.v"
@@ -303,69 +311,6 @@ def _loop_of(trip: Trip, name: str, common: Common) -> Block:
         raise BadInput(f"controllers.{name}: {error}") from None
 
 
-def _wheel_speed(trip: Trip, parts: dict[str, Block]) -> dict[str, str]:
-    """Add the sensors of the wheels; gives their wires."""
-    part, n = trip.sensors.wheel_speed, len(trip.vehicle.worked)
-    radii = {trip.vehicle.radii[k] for k in trip.vehicle.worked}
-    begin = trip.vehicle.speed / np.array([trip.vehicle.radii[k] for k in trip.vehicle.worked])
-    apart = ["omega_start"] if radii != {trip.vehicle.wheel_radius} else []
-    if isinstance(part, Exact):
-        return {"ctl.omega": "plant.omega"}
-    if isinstance(part, NoisyWheel):
-        sensor = sensors.noisy_sensor("rad/s").with_params(
-            sigma=part.deviation, q=part.step, lost=part.dropout
-        )
-        own = ["u_start"] * len(apart)
-        parts["wheel"] = replicate(sensor, n, distinct=own).with_params(**dict.fromkeys(own, begin))
-        return {"wheel.u": "plant.omega", "ctl.omega": "wheel.y"}
-    assert isinstance(part, ToothWheel)
-    parts["angle"] = replicate(sensors.turned, n)
-    tooth = sensors.tooth_wheel.with_params(N=part.teeth, clock=part.clock, sigma=part.jitter)
-    parts["wheel"] = replicate(tooth, n, distinct=apart).with_params(**dict.fromkeys(apart, begin))
-    return {
-        "angle.omega": "plant.omega", "wheel.phi": "angle.phi", "ctl.omega": "wheel.omega_m",
-    }  # fmt: skip
-
-
-def _vehicle_speed(trip: Trip, parts: dict[str, Block], wires: dict[str, str]) -> str:
-    """Add the sensor of the vehicle's speed; gives where it is read."""
-    part = trip.sensors.vehicle_speed
-    if isinstance(part, Exact):
-        return "plant.train.v"
-    if isinstance(part, NoisySpeed):
-        parts["speed"] = sensors.noisy_sensor("m/s").with_params(
-            sigma=part.deviation, q=part.step, lost=part.dropout
-        )
-        wires["speed.u"] = "plant.train.v"
-        return "speed.y"
-    driven = trip.vehicle.mode == "drive"
-    block = bounded_speed(len(trip.vehicle.worked), driven)
-    parts["speed"] = block.with_params(a_max=part.rate, margin=part.margin, beside=part.beside)
-    wires |= {"speed.omega": wires["ctl.omega"], "speed.torque": "plant.T"}
-    return "speed.v_m"
-
-
-def _one_radius(trip: Trip, parts: dict[str, Block], measured: dict[str, str]) -> dict[str, str]:
-    """Add what brings the wheel speeds to the controllers' radius, where they differ; gives wires.
-
-    Args:
-        trip: the trip.
-        parts: of the loop.
-        measured: the wires of the sensors.
-    """
-    n, r = len(trip.vehicle.worked), trip.one_radius
-    worn = np.array(trip.believed) / r
-    if not trip.learns and (worn == 1).all():
-        return measured
-    block = learnt_radii(n) if trip.learns else known_radii(n)
-    numbers = {"r": r, "m_axle": trip.vehicle.total / trip.vehicle.axles, "g": trip.vehicle.gravity}
-    parts["radius"] = block.with_params(
-        worn=worn, **{k: v for k, v in numbers.items() if k in block.params}
-    )
-    found = measured | {"radius.omega": measured["ctl.omega"], "ctl.omega": "radius.omega_n"}
-    return found | ({"radius.torque": "plant.T"} if trip.learns else {})
-
-
 def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
     """Numbers that the parts have in common; those of one wheel follow the vehicle."""
     names = [
@@ -377,7 +322,12 @@ def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
         hits = [n for p in patterns for n in names if fnmatchcase(n, p)]
         return [n for n in dict.fromkeys(hits) if not n.startswith("ctl.estimator.")]
 
+    air = isinstance(trip.actuator, Air)
     apart = "r" in parts["plant"].params or len(set(trip.vehicle.radii)) > 1
+    held = ["speed.filter.held_v"] if "accel" in parts else []
+    tooth = ["wheel.T"] * isinstance(trip.sensors.wheel_speed, ToothWheel)
+    late = trip.control.period != TICK
+    slow = places("ctl.*.T", "ctl.*.T_s", *tooth) if late else []
     own = places("ctl.law.m") if "law.m_law" not in parts["ctl"].params else []
     same_J = len(set(trip.vehicle.inertias)) == 1
     shared: dict[str, list[str]] = {
@@ -387,16 +337,21 @@ def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
         "J": [n for n in places("plant.train.J", "*.J") if same_J or n != "plant.train.J"],
         **_radii(trip, apart, places),
         "g": places("plant.g", "*.g"),
-        "T": places("*.T", "*.T_s"),
-        "slope": places("plant.grade.slope"),
+        "T": [n for n in places("*.T", "*.T_s") if n not in slow],
+        "T_ctl": slow,
+        "slope": places("plant.grade.slope", "accel.slope"),
     }
     if isinstance(trip.actuator, Lag):
         shared["T_max"] = places("plant.act.T_max", "*.T_max")
         shared["tau"] = places("plant.act.tau", "*.tau")
     else:
         shared["T_max"] = places("*.T_max")
-        shared["tau"] = places("*.tau")
-    shared["v_start"] = ["plant.train.v", *places("*.v_start", "speed.u_start")]
+        for n in ("p_full", "k_f", "k_v"):  # what the controllers know of the brake follows it
+            shared[n] = places(f"plant.act.cylinder.{n}", f"ctl.*.{n}")
+        shared["pulse"] = places("plant.act.valves.pulse", "ctl.*.pulse")
+        shared["p_s"] = places("plant.air.p_s", "ctl.*.p_s")
+        shared["tau"] = [n for n in places("*.tau") if n != "ctl.trust.tau" or not air]
+    shared["v_start"] = ["plant.train.v", *places("*.v_start", "speed.u_start"), *held]
     turn = "-1 * " if trip.vehicle.mode == "drive" else ""
     begins = places(
         "angle.omega_start", "wheel.omega_start", "wheel.u_start", "ctl.trust.omega_start"
@@ -444,7 +399,7 @@ def scenario(trip: Trip, name: str = "trip") -> Scenario:
     unbraked = {"plant.train.T_b": 0.0} if trip.vehicle.mode == "drive" else {}
     return Scenario(
         name, trip.duration, rail(trip), seed=trip.seed, noise=trip.noise, doc=trip.title,
-        params={} if level else {"plant.grade.slope": gradient}, end=end(trip), inputs=unbraked,
+        params={} if level else {"slope": gradient}, end=end(trip), inputs=unbraked,
     )  # fmt: skip
 
 

@@ -176,7 +176,7 @@ class _Asked:
         n = bounds._wheel(loop)
         least, most = self._heights(n)
         assumed, act = self.trip.certify, self.trip.actuator
-        lag = float(np.max(now["tau"])) if isinstance(act, Lag) else max(act.fill, act.vent)
+        lag = float(np.max(now["tau"])) if isinstance(act, Lag) else act.longest_lag
         law = loop_law(self.trip, self.part, loop)
         gain = gain_of(law)
         force = self._at_goal(**n) * most / (n["r"] ** 2 / n["J"] + len(

@@ -26,9 +26,10 @@ from slipctl.certify.axle_loop import SLIP, Built
 from slipctl.certify.sampled_loop import Cell, SampledLoop
 from slipctl.certify.sums import NoProof
 from slipctl.certify.tick_code import code_of_function
-from slipctl.models.vehicle.control import applied, slip_law, wheel
+from slipctl.models.vehicle.control import slip_law, wheel
 from slipctl.models.vehicle.parts import OwnLaw, SlipLaw, Trip
 from slipctl.models.vehicle.plant import on_train
+from slipctl.models.vehicle.slip.takeover import applied
 
 SETTLING = 500
 """Ticks for which a controller is shown a slip that goes to its rest, and then the rest."""

@@ -347,7 +347,7 @@ def _of(trip: Trip, name: str, part: SlipLaw | OwnLaw, seen: dict[str, Withstood
     def lags(loop: Block) -> float:
         if isinstance(trip.actuator, Lag):
             return float(np.max(loop.values_by_place()["tau"])) / part.lead
-        return max(trip.actuator.fill, trip.actuator.vent) / part.lead
+        return trip.actuator.longest_lag / part.lead
 
     waits = trip.actuator.dead_time
     why = _words(trip, over, left, reference, part.kind) if bound else "no disturbance"

@@ -5,7 +5,7 @@ meaning and range. A part of several kinds says which with ``kind``. A file (doc
 has these names and no others, so what is declared here is all that a reader needs to know.
 """
 
-from slipctl.models.vehicle.parts.actuator import Actuator, Lag, Valve
+from slipctl.models.vehicle.parts.actuator import Actuator, Air, Lag, Valve
 from slipctl.models.vehicle.parts.controllers import (
     SLIP_LAWS,
     Controller,
@@ -13,7 +13,9 @@ from slipctl.models.vehicle.parts.controllers import (
     OwnLaw,
     Predictive,
     Reference,
+    ScheduledPI,
     Searched,
+    SlideProtection,
     SlipControl,
     SlipLaw,
     SlipRatio,
@@ -34,9 +36,13 @@ from slipctl.models.vehicle.parts.demand import Constant, Most, Profile
 from slipctl.models.vehicle.parts.pads import Pads
 from slipctl.models.vehicle.parts.rail import Contamination, Patch, Sand, Slope, Stretch, Track
 from slipctl.models.vehicle.parts.sensors import (
+    Accelerometer,
     Exact,
+    Fused,
+    LargestWheel,
     NoisySpeed,
     NoisyWheel,
+    SensorFault,
     Sensors,
     ToothWheel,
     WheelsOnly,

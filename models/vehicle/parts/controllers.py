@@ -7,8 +7,10 @@ from dataclasses import MISSING, dataclass, field
 from typing import Literal
 
 from slipctl.models.vehicle.parts.declaration import (
+    TICK,
     Fault,
     Part,
+    faults_off_ticks,
     number,
     off_range,
     text_field,
@@ -53,6 +55,7 @@ Reference = Searched | SlipSpeed | SlipRatio
 class SlipControl(Part):
     """When slip control takes over from the demand, and when it gives back."""
 
+    period: float = number("s", TICK, "of the controllers, in Python and in C", lo=TICK, hi=0.1)
     wake: float = number("1", 0.5, "slip over the reference at which it takes over", lo=0, hi=1)
     least: float = number("m/s", 0.3, "slip below which it does not take over", lo=0, hi=20)
     rest: float = number("s", 0.2, "time of ruling demand after which it gives back", lo=0, hi=10)
@@ -70,6 +73,11 @@ class SlipControl(Part):
                                   lo=0.1, hi=600)  # fmt: skip
     release_train: float = number("s", 5.0, "longest release of all axles together, after which"
                                   " each gets the demand for 1 s", lo=0.1, hi=600)  # fmt: skip
+    let_go: float | None = number(
+        "s", None, "time for which one axle in turn is let go while wheels slide, so that it tells"
+        " the speed; none given: never", lo=0.05, hi=10,
+    )  # fmt: skip
+    let_go_every: float = number("s", 8.0, "from one axle to the next", lo=0.5, hi=100)
     radius: float | tuple[float, ...] | None = number(
         "m", None, "of the wheels, or of each axle with an actuator, as the controllers believe;"
         " none given: as it is", lo=0.2, hi=1,
@@ -80,7 +88,10 @@ class SlipControl(Part):
     )  # fmt: skip
 
     def misfits(self) -> Iterator[Fault]:
-        """A safe output or a demand that is neither a word that there is nor a torque."""
+        """A period off the tick; a safe output or a demand that is neither a word nor a torque."""
+        yield from faults_off_ticks("period", self.period)
+        if self.let_go is not None and self.let_go > self.let_go_every / 2:
+            yield "let_go", f"is more than half of let_go_every, {self.let_go_every:g} s"
         for name, words in (("safe", ("demand", "hold")), ("demand_lost", ("largest",))):
             given = getattr(self, name)
             if isinstance(given, str) and given not in ("", *words):
@@ -123,6 +134,48 @@ class Predictive(Part):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ScheduledPI(Part):
+    """PI slip control, its gain by the speed, its integral bounded by what can be applied."""
+
+    kind: Literal["pi"] = "pi"
+    K: float = number("1/s", 3.0, "gain at the speed full and above", lo=0.01, hi=1e3)
+    integral: float = number("s", 1.0, "time of the integral", lo=0.01, hi=100)
+    follow: float = number("s", 0.2, "in which the integral follows a limit", lo=0.01, hi=100)
+    full: float = number("m/s", 25.0, "speed from which on the gain is K", lo=1, hi=100)
+    least: float = number("1", 0.2, "least share of K, at standstill", lo=0.01, hi=1)
+    lead: float = number("1", 1.0, "actuator's lag over the one that it shall have", lo=1, hi=20)
+    reference: Reference | None = text_field(None, "slip to go to, instead of the trip's")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlideProtection(Part):
+    """Wheel slide protection by a state machine over slip and deceleration, with two valve bits."""
+
+    kind: Literal["wsp"] = "wsp"
+    slip: float = number("m/s", 1.341, "slip from which it vents, at standstill", lo=0.05, hi=20)
+    share: float = number("1", 0.09167, "share of the speed by which that is more", lo=0, hi=0.5)
+    deceleration: float = number("m/s^2", 3.58, "of the rim, from which it vents", lo=0.5, hi=50)
+    hold: float = number("1", 0.5, "share of that slip from which it holds", lo=0, hi=1)
+    hold_deceleration: float = number(
+        "m/s^2", 1.0, "of the rim, from which it holds then", lo=0, hi=50
+    )
+    fill: float = number("1", 0.3, "share of that slip below which it fills again", lo=0, hi=1)
+    fill_acceleration: float = number(
+        "m/s^2", 0.5, "of the rim, up to which it fills again", lo=-10, hi=50
+    )
+    filter: float = number("s", 0.04, "time constant of the rim's acceleration", lo=1e-3, hi=1)
+    ramp: float = number(
+        "m/s^3", 0.67, "largest rise of the deceleration when it fills", lo=0.01, hi=1e3
+    )
+    cut_off: float = number("m/s", 5 / 3.6, "speed below which it is off", lo=0, hi=20)
+
+    def misfits(self) -> Iterator[Fault]:
+        """Shares that would let it fill where it holds."""
+        if self.fill > self.hold:
+            yield "fill", f"is {self.fill:g}, above hold = {self.hold:g}: it would fill there"
+
+
+@dataclass(frozen=True, kw_only=True)
 class DemandAlone(Part):
     """No slip control: the demand as it is."""
 
@@ -142,4 +195,4 @@ class OwnLaw(Part):
     )
 
 
-Controller = SlipLaw | Predictive | DemandAlone | OwnLaw
+Controller = SlipLaw | Predictive | ScheduledPI | SlideProtection | DemandAlone | OwnLaw

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import MISSING, dataclass
 from typing import Literal
 
-from slipctl.models.vehicle.parts.declaration import Part, number, text_field
+from slipctl.models.vehicle.parts.declaration import Fault, Part, number, text_field
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,8 +59,65 @@ class WheelsOnly(Part):
 
 
 @dataclass(frozen=True, kw_only=True)
+class LargestWheel(Part):
+    """Vehicle speed of classical slide protection: the fastest wheel, a largest deceleration."""
+
+    kind: Literal["largest_wheel"] = "largest_wheel"
+    rate: float = number("m/s^2", 1.5, "most that the vehicle can slow down by", lo=0.01, hi=10)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fused(Part):
+    """Vehicle speed from all wheels and the accelerometer, by a Kalman filter."""
+
+    kind: Literal["fused"] = "fused"
+    spread: float = number(
+        "m/s^2", 0.05, "deviation of the accelerometer's bias and the slope together", lo=1e-4, hi=2
+    )
+    wander: float = number("m/s^2", 1e-3, "by how much that changes in a second", lo=0, hi=2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accelerometer(Part):
+    """Acceleration along the track, as an accelerometer on the vehicle reads it."""
+
+    bias: float = number("m/s^2", 0.0, "bias", lo=-5, hi=5)
+    deviation: float = number("m/s^2", 0.0, "of the noise", lo=0, hi=10)
+    gradient: bool = text_field(True, "whether it feels the gradient of the track")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorFault(Part):
+    """A wheel sensor that fails from a time on."""
+
+    axle: int = number("1", MISSING, "number of the axle, 1 the first", lo=1, hi=32)
+    kind: Literal["frozen", "missing", "jumps"] = text_field(
+        "frozen", "'frozen' at what it read, 'missing' with no pulses, or 'jumps' by a share"
+    )
+    time: float = number("s", 0.0, "from which on", lo=0, hi=1e5)
+    share: float = number("1", 0.5, "by which one that jumps reads more", lo=-1, hi=10)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Sensors(Part):
     """What the controllers measure."""
 
     wheel_speed: Exact | ToothWheel | NoisyWheel = text_field(ToothWheel(), "speed of each axle")
-    vehicle_speed: Exact | NoisySpeed | WheelsOnly = text_field(Exact(), "speed of the vehicle")
+    vehicle_speed: Exact | NoisySpeed | WheelsOnly | LargestWheel | Fused = text_field(
+        Exact(), "speed of the vehicle"
+    )
+    accelerometer: Accelerometer | None = text_field(None, "accelerometer; none: there is none")
+    faults: tuple[SensorFault, ...] = text_field((), "wheel sensors that fail")
+
+    @property
+    def of_wheels(self) -> bool:
+        """Whether the speed of the vehicle is made of its wheels."""
+        return isinstance(self.vehicle_speed, WheelsOnly | LargestWheel | Fused)
+
+    def misfits(self) -> Iterator[Fault]:
+        """A filter without its accelerometer, and the other way round."""
+        fused = isinstance(self.vehicle_speed, Fused)
+        if fused and self.accelerometer is None:
+            yield "vehicle_speed", "kind = 'fused' needs an accelerometer; write accelerometer = {}"
+        if self.accelerometer is not None and not fused:
+            yield "accelerometer", "nothing reads it; write vehicle_speed = { kind = 'fused' }"

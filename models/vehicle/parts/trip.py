@@ -7,8 +7,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass
 from itertools import pairwise
 
-from slipctl.models.vehicle.parts.actuator import Actuator, Valve
-from slipctl.models.vehicle.parts.controllers import Controller, Reference, Searched, SlipControl
+from slipctl.models.vehicle.parts.actuator import Actuator, Lag
+from slipctl.models.vehicle.parts.controllers import (
+    Controller,
+    Reference,
+    Searched,
+    SlideProtection,
+    SlipControl,
+)
 from slipctl.models.vehicle.parts.declaration import (
     STANDSTILL,
     Fault,
@@ -20,7 +26,7 @@ from slipctl.models.vehicle.parts.declaration import (
 )
 from slipctl.models.vehicle.parts.demand import Constant, Most, Profile
 from slipctl.models.vehicle.parts.rail import Track
-from slipctl.models.vehicle.parts.sensors import Sensors, WheelsOnly
+from slipctl.models.vehicle.parts.sensors import Fused, LargestWheel, Sensors
 from slipctl.models.vehicle.parts.vehicle import Vehicle
 from slipctl.run.measures.slide_metrics import SLIDES
 
@@ -148,8 +154,7 @@ class Trip(Part):
     def learns(self) -> bool:
         """Whether the ratios of the radii are learnt."""
         if self.control.learn is None:
-            wheels = isinstance(self.sensors.vehicle_speed, WheelsOnly)
-            return wheels and len(self.vehicle.worked) > 1
+            return self.sensors.of_wheels and len(self.vehicle.worked) > 1
         return self.control.learn
 
     def misfits(self) -> Iterator[Fault]:
@@ -164,8 +169,9 @@ class Trip(Part):
             yield f"demand.{other}", f"the vehicle's mode is {self.vehicle.mode!r}; write {wanted}"
         if not self.controllers:
             yield "controllers", "there is no controller; kind = 'none' applies the demand alone"
-        if isinstance(self.actuator, Valve) and self.vehicle.mode == "drive":
-            yield "actuator.kind", "a valve brakes; a driven vehicle takes kind = 'lag'"
+        if self.vehicle.mode == "drive" and not isinstance(self.actuator, Lag):
+            what = "a valve" if self.actuator.kind == "valve" else "air"
+            yield "actuator.kind", f"{what} brakes; a driven vehicle takes kind = 'lag'"
         believed, worked = self.control.radius, len(self.vehicle.worked)
         if isinstance(believed, (list, tuple)) and len(believed) != worked:
             yield (
@@ -174,8 +180,14 @@ class Trip(Part):
             )
         if self.control.learn and worked < 2:
             yield "control.learn", "one axle has no ratio to learn"
-        if isinstance(self.sensors.vehicle_speed, WheelsOnly) and self.vehicle.axles < 2:
+        if self.sensors.of_wheels and self.vehicle.axles < 2:
             yield "sensors.vehicle_speed", "one axle that slips tells no speed; use another kind"
+        speed = self.sensors.vehicle_speed
+        if self.vehicle.mode == "drive" and isinstance(speed, LargestWheel | Fused):
+            yield "sensors.vehicle_speed", "is for a braked vehicle; write kind = 'wheels'"
+        for k, fault in enumerate(self.sensors.faults):
+            if fault.axle > worked:
+                yield f"sensors.faults.{k}.axle", f"is {fault.axle} of {worked} axles"
         yield from self._misplaced()
         yield from self._pressed()
         for name in SLIDES:
@@ -184,7 +196,15 @@ class Trip(Part):
                     f"limits.{name}",
                     "needs [rail.contamination], of which tau = 0 cleans nothing",
                 )
-        for name in self.controllers:
+        for name, part in self.controllers.items():
+            if isinstance(part, SlideProtection) and self.actuator.kind != "air":
+                yield (
+                    f"controllers.{name}",
+                    (
+                        "kind = 'wsp' gives the bits of two valves; write kind = 'air' under"
+                        " [actuator]"
+                    ),
+                )
             if not name.isidentifier() or name == "ideal":
                 yield f"controllers.{name}", "write a name of letters, digits and _; not 'ideal'"
 

@@ -52,8 +52,8 @@ def rail_laws(loop: Block) -> Iterator[tuple[str, Block, str]]:
 def watched_wheels(loop: Block) -> set[str]:
     """Signals that :func:`wheel_warnings` needs."""
     known = {**loop.states, **loop.outputs}
-    found = {"demand.T_demand", "ctl.T_cmd", "plant.train.x", "plant.train.v",
-             "speed.v_m", "speed.error"}  # fmt: skip
+    found = {"demand.T_demand", "ctl.T_cmd", "ctl.hold", "plant.T", "plant.train.x",
+             "plant.train.v", "speed.v_m", "speed.error"}  # fmt: skip
     for path, _, slip in rail_laws(loop):
         home = path.rpartition(".")[0]
         found |= {slip, *(n for n in known if n.startswith(f"{home}.") and n.endswith(".v"))}
@@ -122,14 +122,15 @@ def _columns(values: Any) -> np.ndarray:
 
 def _held(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
     """Slip control that holds the torque below a demand which the rail would carry."""
-    names = ("demand.T_demand", "ctl.T_cmd", "plant.train.x", "plant.train.v")
-    if not all(n in log for n in names):
+    names = ("demand.T_demand", "plant.train.x", "plant.train.v")
+    command = _commanded(log)
+    if command is None or not all(n in log for n in names):
         return
-    demand, command, place, v = (np.asarray(log[n], dtype=float) for n in names)
+    demand, place, v = (np.asarray(log[n], dtype=float) for n in names)
     carried = _carried(loop, scenario, place, np.asarray(log["time"]))
     if carried is None:
         return
-    command, params = _columns(command), loop.param_values()
+    params = loop.param_values()
     limit = np.min(params.get("T_max", np.inf))
     asked = np.minimum(demand, float(limit)).reshape(-1, 1)
     held = (command < BELOW * asked) & (asked <= BELOW * carried[:, : command.shape[1]])
@@ -145,6 +146,13 @@ def _held(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
         f" {time[b - 1]:.4g} s though the rail carries it: {command[a:b, axle].mean():.4g} N m for"
         f" {asked[a:b].mean():.4g} N m"
     )
+
+
+def _commanded(log: Values) -> np.ndarray | None:
+    """Torque that is commanded of each axle; by valves the one that they hold or vent."""
+    if "ctl.hold" in log and "plant.T" in log:
+        return np.where(_columns(log["ctl.hold"]) > 0.5, _columns(log["plant.T"]), np.inf)
+    return _columns(log["ctl.T_cmd"]) if "ctl.T_cmd" in log else None
 
 
 def _carried(

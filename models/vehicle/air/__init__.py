@@ -1,0 +1,1 @@
+"""Air brakes: cylinders behind valves, bits from a torque, slide protection as a state machine."""
