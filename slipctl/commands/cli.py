@@ -36,7 +36,8 @@ at Python's own pace takes a fifth of the time of a run."""
 
 _PLACES = {
     "list": "library.contents", "show": "library.show", "new": "library.new",
-    "schema": "library.schema", "copy": "library.copy", "docs": "library.docs",
+    "open": "library.open", "schema": "library.schema", "copy": "library.copy",
+    "docs": "library.docs",
     "certify": "certificates.certify", "check": "certificates.check",
 }  # fmt: skip
 ANSWERS = {name: f"slipctl.commands.{_PLACES.get(name, name)}" for name in COMMANDS}

@@ -25,6 +25,7 @@ LAWS: dict[str, tuple[str, tuple[float, float]]] = {
     "hst_braking.burckhardt": ("lam", (0.005, 0.9)),
     "freight_traction.adhesion": ("v_s", (0.05, 8.0)),
     "contact.polach": ("v_s", (0.01, 5.0)),
+    "falling_creep.falling_creep": ("v_s", (0.01, 5.0)),
     "contact_reference.fastsim": ("v_s", (0.01, 5.0)),
     "contact_reference.carter": ("v_s", (0.01, 5.0)),
 }

@@ -338,10 +338,11 @@ def test_list_shows_models_and_studies(capsys: pytest.CaptureFixture[str]) -> No
 def test_list_by_topic_and_word(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list", "kinds"]) == 0
     said = capsys.readouterr().out
-    valve = said.partition("\n  actuator.valve ")[2].partition("\n  rail ")[0]
+    valve = said.partition("\n  actuator.valve ")[2].partition("\n  actuator.")[0]
     assert re.findall(r"^    (\w+)", valve, re.MULTILINE) == [
         f.name for f in fields(Valve) if f.name != "kind"]  # fmt: skip
-    assert "torque [N m], must be given, 1 to 1e+06" in valve
+    torque = next(f for f in fields(Valve) if f.name == "torque").metadata
+    assert f"torque [N m], must be given, {torque['lo']:g} to {torque['hi']:g}" in valve
     assert "subway_braking" not in said
     assert main(["list", "tooth", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -523,7 +524,7 @@ FEW = ("--quick", "--loop", "soft", "--scenario", "base")
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
-        ([], "say what to do: list, show, new, schema, copy, run, sweep, tune, replay, compare,"),
+        ([], "say what to do: list, show, new, open, schema, copy, run, sweep, tune, replay,"),
         (["rnu"], "there is no command 'rnu'; did you mean 'run'?"),
         (["fit", "a\0b", "--law", "polach"], "a null character stands in"),
         (["run"], "the following arguments are required: STUDY; see slipctl run --help"),

@@ -342,7 +342,7 @@ def test_surface_table(tmp_path, caplog):
         (HEAD + "x,1,.5,.4,.5,much\n", "'much' in line 2 is no number"),
         (HEAD + "x,1,.5,.4,.5,nan\n", "line 2: mu_0 is NaN"),
         (HEAD + "x,1,.5,.4,.5,.3\nx,1,.5,.4,.5,.3\n", "line 3: 'x' is no name, or the second"),
-        (HEAD, "has no head above rows of numbers"),
+        (HEAD, "no row of numbers below it"),
     ],
 )
 def test_bad_surface_table(tmp_path, text, words):

@@ -150,7 +150,7 @@ def test_the_watchdog_counts_releases_gives_the_demand_and_tries_again():
         x, p = block.pack("state", block.start()), block.pack("param", block.param_values())
         bits = []
         for _ in range(ticks):
-            u = dict(hold_by=1, vent_by=vent, off=0, stands=stands, T_b=T_b, T_demand=6e3)
+            u = dict(hold_by=1, vent_by=vent, off=0, stands=stands, retry=0, T_b=T_b, T_demand=6e3)
             x, y = block.f(x, block.pack("input", u), p)
             bits.append(float(y[0]))
         return np.array(bits)

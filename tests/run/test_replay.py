@@ -206,7 +206,7 @@ def test_command(tmp_path: Path, capsys: Any) -> None:
     ("content", "said"),
     [
         ("", "has no head"),
-        ("a;b\n", "has no head"),
+        ("a;b\n", "no row of numbers below it"),
         ("1;2\n3;4\n", "has no head"),
         ("t;x\n0;1\n", "fewer than two different times"),
         ("t;t\n0;1\n1;2\n", "two columns 't'"),

@@ -255,7 +255,7 @@ def offered(text: str, row: str) -> list[str]:
 
 def test_completion_offers_what_is_declared():
     assert '"sta"' in offered(TEXT, 'kind = "sta"')
-    assert set(offered(TEXT, 'kind = "lag"')) == {'"lag"', '"valve"'}
+    assert set(offered(TEXT, 'kind = "lag"')) == {'"air"', '"lag"', '"valve"'}
     assert offered(TEXT, "mass") == ['"1 kg"']
     keys = offered(TEXT.replace('k2 = "10 m/s^3"', "?"), "?")
     assert "k2 = " in keys

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from slipctl.ccode.check import guard_trial
 from slipctl.ccode.check.vectors.expected_outputs import Expected
 from slipctl.ccode.check.vectors.misuse import misuse
 from slipctl.ccode.module import rates
@@ -14,7 +15,6 @@ from slipctl.ccode.module.comments import ascii_text
 from slipctl.ccode.module.header import CONTENT, STATUS, bit, head
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.module.shapes import c_elements
-from slipctl.ccode.tree.expressions import number
 
 ENOUGH, AT_LEAST = 2e10, 1000
 """Instructions after which a board has replayed enough, some minutes of emulation, and ticks that
@@ -147,7 +147,11 @@ def test_program(plan: Plan) -> str:
     )
     ends = [plan.limits(m) for m in lay.inputs for _ in range(m.size)]
     beyond = sum(math.isfinite(v) for pair in ends for v in pair)
-    guards, table = (_guards(plan), _table(ends)) if n_in else ("", "")
+    guards = guard_trial.spoilt_inputs(plan) if n_in else ""
+    table = guard_trial.input_ranges(ends, plan.judged) if n_in else ""
+    count = guard_trial.guarded_count(plan)
+    held = "N_GUARDED" if count else "N_IN"
+    first_held = "the first input" + (" of the guard" if count else "")
     same = _SAME if n_in else f"#ifndef ON_BOARD\n{_SAME.rstrip()}\n#endif\n\n"
     mask = f"{compared_bits(plan.real)}U"
     begun = copy = compared_so = ""
@@ -194,9 +198,9 @@ def test_program(plan: Plan) -> str:
 #define N_SIGNALS {len(compared)}
 #define N_LIMITS {2 * len(compared)}
 #define N_ENDS {beyond} /* finite ends of the ranges of inputs */
-#define N_TICK {n_in + n_out + n_state + 1} /* numbers of one tick; the last is the status */
+{count}#define N_TICK {n_in + n_out + n_state + 1} /* numbers of one tick; the last is the status */
 #define N_ROW {n_in + n_out + n_state + n_param + 1}
-#define STALE {int(plan.stale[0]) if n_in else 0} /* ticks that the first input is held */
+#define STALE {guard_trial.stale_ticks(plan)} /* ticks that {first_held} is held */
 #define COMPARED {mask} /* bits of the status */
 #ifdef ON_BOARD
 #define ENOUGH {ENOUGH!r} /* instructions of all steps after which a board stops, */
@@ -356,10 +360,10 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
         wrong += (most_of <= limits[2 * k]) ? 0 : 1;
     }}
 {guards}{_MISUSE}{compared_so}    (void)printf("%d ticks, %d faults, ", ticks, faults);
-    (void)printf("%d of %d inputs are held when NaN, %d of %d beyond their ends, ", refused, N_IN,
+    (void)printf("%d of %d inputs are held when NaN, %d of %d beyond their ends, ", refused, {held},
            held, N_ENDS);
     (void)printf("largest relative difference %.3g\\n", most);
-{_COUNTED}    guarded = (ticks == 0) || (still && (refused == N_IN) && (held == N_ENDS));
+{_COUNTED}    guarded = (ticks == 0) || (still && (refused == {held}) && (held == N_ENDS));
     return ((wrong == 0) && (faults == 0) && (misuses == 0) && guarded) ? 0 : 1;
 }}
 """
@@ -377,71 +381,6 @@ def _pieces(plan: Plan) -> str:
         else:
             calls += f"        if ((tick % {g.ticks}) == 0) {{\n            {call}\n        }}\n"
     return _PIECES.format(calls=calls)
-
-
-def _table(ends: list[tuple[float, float]]) -> str:
-    """Ranges of the inputs; infinite where there is no end."""
-    rows = ",\n".join(f"    {{{number(lo)}, {number(hi)}}}" for lo, hi in ends)
-    return f"""static const double range_of[N_IN][2] = {{
-{rows}
-}};
-
-"""
-
-
-def _guards(plan: Plan) -> str:
-    """Statements that spoil each input in turn and look that its last good value is taken."""
-    n, big = plan.name, plan.layout.big
-    safe = "".join(
-        f"        {m.at('good.', k)} = (real){number(plan.safe[m.c])};\n"
-        for m in plan.layout.outputs if m.c in plan.safe for k in range(m.size)
-    )  # fmt: skip
-    return f"""    for (k = 0; (k < N_IN) && (ticks > 0); ++k) {{
-        for (j = -1; j < 2; ++j) {{
-            static {n}_state before;
-            static {n}_state plain;
-            static {n}_out good;
-            const double end = (j < 0) ? (double)NAN : range_of[k][j];
-            const double far = ((j > 0) ? 1.0 : -1.0) * (1.0 + (0.001 * fabs(end)));
-            const double beyond = end + far;
-            const int wanted = (j < 0) ? {big}_BAD_INPUT : {big}_OFF_RANGE;
-            {n}_in last = state.guard.last;
-            int as_last;
-            if ((j >= 0) && (fabs(end) > DBL_MAX)) {{
-                continue;
-            }}
-            before = state;
-            as_last = {n}_step(&last, &param, &state, &good);
-            plain = state;
-            state = before;
-            copied(raw, &last, sizeof(last));
-            raw[k] = (real)beyond;
-            copied(&last, raw, sizeof(last));
-            got_status = {n}_step(&last, &param, &state, &out);
-            if ((got_status == (as_last | wanted))
-                && same(&plain, &state, (size_t)N_STATE * sizeof(real))
-                && same(&good, &out, sizeof(out))) {{
-                refused += (j < 0) ? 1 : 0;
-                held += (j >= 0) ? 1 : 0;
-            }}
-            state = before;
-        }}
-    }}
-    for (k = 0; (k <= STALE) && (ticks > 0); ++k) {{
-        static {n}_state before;
-        static {n}_out good;
-        {n}_in last = state.guard.last;
-        copied(raw, &last, sizeof(last));
-        raw[0] = (real)NAN;
-        copied(&last, raw, sizeof(last));
-        before = state;
-        got_status = {n}_step(&last, &param, &state, &out);
-        good = state.held;
-{safe}        still = (got_status == ({big}_BAD_INPUT | {big}_REFUSED))
-            && same(&before, &state, (size_t)N_STATE * sizeof(real))
-            && same(&good, &out, sizeof(out));
-    }}
-"""
 
 
 def vectors(plan: Plan, content: str, params: Mapping[str, np.ndarray], run: Expected) -> str:
