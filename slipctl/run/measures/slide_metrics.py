@@ -75,7 +75,8 @@ def _t_gamma(run: Run) -> Metric | None:
     power, v = run.each("contact_power"), run.each("speed")
     if power is None or v is None or not run.moving.any():
         return None
-    return Metric(float((power / 2 / np.abs(v))[run.moving].max()), "N")
+    moving = run.moving
+    return Metric(float((power[moving] / 2 / np.abs(v[moving])).max()), "N")
 
 
 @_metric("flat index: largest energy into one spot of a wheel while it is locked", "low")
