@@ -125,16 +125,16 @@ def early_good(plan: Plan) -> tuple[list[Node], str]:
 
 def _types(plan: Plan, nodes: Iterable[Node]) -> list[str]:
     """Declarations of what the ends of ranges are expressions of."""
-    words = c.words(nodes)
-    return [plan.types[p] for p in ("param", "derived") if p in words]
+    used = c.variables(nodes)
+    return [plan.types[p] for p in ("param", "derived") if p in used]
 
 
 def ends_given(plan: Plan, members: Sequence[Member], param: str) -> list[str]:
     """Arguments for them, where the parameters are ``param``."""
     lines, ends = plan.ends_text(members, last=members == plan.layout.inputs)
-    words = c.words([*lines, *map(expression, ends.values())])
+    used = c.variables([*lines, *map(expression, ends.values())])
     places = {"param": param, "derived": "&state->derived"}
-    return [place for p, place in places.items() if p in words]
+    return [place for p, place in places.items() if p in used]
 
 
 def check_inputs_call(plan: Plan, param: str) -> str:

@@ -153,8 +153,8 @@ class Parts:
         lines, file = of_one_file(lines)
         what = f"{path or block.name}: {_first(block.doc)}" if block.doc else path or block.name
         what += f" {FILE}{file}." if file else ""
-        words = c.words(lines)
-        used = [p for p in POINTERS if p in words]
+        names = c.variables(lines)
+        used = [p for p in POINTERS if p in names]
         given = [self.types[p] for p in used] or [Node("declare", "void")]
         self.made[name] = c.function("static void", name, given, lines, comment(what))
         self.lines.append(c.do(c.call(name, map(c.name, used))))

@@ -246,8 +246,8 @@ def step(plan: Plan) -> list[str]:
 
 def _used(g: Group) -> list[str]:
     """Structs that the parts of a group take."""
-    words = c.words(g.calls)
-    return [p for p in POINTERS if p in words]
+    used = c.variables(g.calls)
+    return [p for p in POINTERS if p in used]
 
 
 def _groups(plan: Plan, row: Sequence[Group]) -> list[Node]:

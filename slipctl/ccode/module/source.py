@@ -108,7 +108,7 @@ _NAN_IS_SEEN = """#if defined(__FAST_MATH__) \\
 def _equations(plan: Plan) -> list[Node]:
     n, made = plan.name, plan.equations
     lines = statements(_call_lines(plan)) if made.entry else _own_lines(plan)
-    used = c.words(lines)
+    used = c.variables(lines)
     given = ["in", "param", *["derived"] * bool(plan.layout.derived)]
     given += [*["state", "next"] * bool(plan.layout.states), "now", *["work"] * plan.work_in_state]
     voids = [c.mark_unused(a) for a in given if a not in used]
@@ -228,7 +228,7 @@ def _start(plan: Plan) -> list[Node]:
         lines.append(c.branch(expression(f"all || (part == {k})"), body, told=told))
     if len(plan.parts) > 1:
         lines = [*code("const bool all = part == 0;"), *lines]
-    used = c.words(lines)
+    used = c.variables(lines)
     void = [c.mark_unused(a) for a in ("param", "part") if a not in used]
     told = "Put a part of the state to its start, by the order of the parts; 0 is all."
     computed = [range_condition(plan, m, "state->") for m in plan.layout.states if m.signal.derived]

@@ -101,7 +101,7 @@ class Functions:
         given = [_parameter("", n, f.nnz_in(i)) for i, n in enumerate(inputs) if n]
         if not returns:
             given += [_parameter("*", n, f.nnz_out(i)) for i, n in enumerate(outputs) if n]
-        used = c.words(lines)
+        used = c.variables(lines)
         unused = [c.mark_unused(n) for n in inputs if n and n not in used]
         what = self.docs.get(f.name())
         told = comment(f"{f.name()}: {what}") if what else ""

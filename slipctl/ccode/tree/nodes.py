@@ -252,6 +252,11 @@ def words(nodes: Iterable[Node]) -> set[str]:
     return set().union(*(n.words for n in nodes))
 
 
+def variables(nodes: Iterable[Node]) -> set[str]:
+    """Names of variables and functions in some nodes; a member may have the name of an argument."""
+    return {n.head for node in nodes for n in node.walk() if n.kind == "name"}
+
+
 def swap_all(nodes: Iterable[Node], names: dict[str, Node]) -> list[Node]:
     """Nodes with other nodes in the place of variables."""
     return [n.swap(names) for n in nodes]
