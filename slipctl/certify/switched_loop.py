@@ -135,11 +135,21 @@ class Question:
         except (NoProof, ArithmeticError) as error:
             self.why.append(str(error))
             return None
-        reach = {}
-        for x in self.stays:
+        reach, close = {}, False
+        for x, (_, most) in self._bounds(n).items():
             high = found.reach.high[loop.reals.index(x)]
-            reach[x] = str(rounded_up(high + abs(high) / 10**9 + Fraction(1, 10**12), 12))
-        return {**found.entries, "reach": reach}
+            told = rounded_up(high + abs(high) / 10**9 + Fraction(1, 10**12), 12)
+            if most is not None and told > most:  # within roundings of what is wanted
+                told, close = most, True
+            reach[x] = str(told)
+        entries = {**found.entries, "reach": reach}
+        if close:
+            try:
+                self.check(n, entries)
+            except DoesNotHold as error:
+                self.why.append(str(error))
+                return None
+        return entries
 
     def check(self, n: Numbers, given: Entries) -> None:
         """Confirm a proof.
