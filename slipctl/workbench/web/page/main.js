@@ -38,10 +38,21 @@ let begun = 0;
 let command = "";
 /** @type {any} */
 let later = 0;
+let noted = "";
+/** @type {any} */
+let forget = 0;
 
 function tell(text = said) {
   said = text;
-  fill(at("state"), [at("state").dataset.time, said].filter(Boolean).join("   "));
+  fill(at("state"), [at("state").dataset.time, noted, said].filter(Boolean).join("   "));
+}
+
+/** What was done, for ten seconds beside what runs tell meanwhile. */
+function note(/** @type {string} */ text) {
+  noted = text;
+  clearTimeout(forget);
+  forget = setTimeout(() => { noted = ""; tell(); }, 10000);
+  tell();
 }
 
 /** What a question is about. */
@@ -208,9 +219,9 @@ talk.on("save", (head) => {
     editor.set(head.text);
     talk.ask("model", { text: head.text, loop: state.now.loop, scenario: state.now.scenario });
   }
-  tell([`saved ${head.file}`, ...head.notes].join("; "));
+  note([`saved ${head.file}`, ...head.notes].join("; "));
 });
-talk.on("report", (head) => tell(head.faults?.[0] ?? `report: ${head.file}`));
+talk.on("report", (head) => (head.faults ? tell(head.faults[0]) : note(`report: ${head.file}`)));
 talk.on("refused", (head) => tell(head.faults[0]));
 
 // ---- what a person does ----
