@@ -102,6 +102,8 @@ def test_every_number_at_its_ends_runs_or_is_refused_by_its_key(tmp_path):
                 other = {"tare": "mass", "rotating_mass": "inertia"}.get(keys[-1], "deceleration")
                 table[keys[0]].pop(other)
             how, lines = ended(table, "", tmp_path, "none", run=False)
-            if how not in ("refused", "right") or (how == "refused" and keys[-1] not in lines[0]):
+            named = {keys[-1], *(("inertia",) if keys[-1] in ("mass", "tare") else ())}
+            unnamed = how == "refused" and not any(word in lines[0] for word in named)
+            if how not in ("refused", "right") or unnamed:
                 lost.append((keys, end, how, lines))
     assert lost == []
