@@ -273,6 +273,7 @@ def test_other_forms_of_the_controller(choices: Any, run: Any, tmp_path: Path) -
     assert codegen.check(control(**choices), inputs, tmp_path)["passed"]
 
 
+@pytest.mark.second
 @needs_compiler
 @pytest.mark.parametrize("name", [*BLOCKS, *MADE])
 def test_every_kind_of_block_agrees(name: str, tmp_path: Path) -> None:

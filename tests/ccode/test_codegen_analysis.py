@@ -47,6 +47,7 @@ def _table(x: Any, u: Any, p: Any) -> Any:
     return {}, {"y": ca.interpolant("t", "linear", [[0, 1, 2]], [0, 1, 4])(u["u"])}
 
 
+@pytest.mark.second
 @needs_cppcheck
 @pytest.mark.parametrize("name", BLOCKS)
 def test_required_rules_are_kept(name: str, tmp_path: Path) -> None:
@@ -63,6 +64,7 @@ def test_required_rules_are_kept(name: str, tmp_path: Path) -> None:
     assert rules <= {*analysis.ADVISORY, *found["explained"], *found["deviations"]}
 
 
+@pytest.mark.second
 @needs_cppcheck
 @pytest.mark.parametrize("name", ["predictive:nmpc", "all_rails:nmpc", "hst_traction:mpc_limited"])
 def test_solvers_keep_required_rules_too(name: str) -> None:
@@ -77,6 +79,7 @@ def test_solvers_keep_required_rules_too(name: str) -> None:
     assert said["passed"], said["cppcheck"]
 
 
+@pytest.mark.second
 @needs_cppcheck
 def test_a_broken_rule_is_told(tmp_path: Path) -> None:
     codegen.c_module(guarded, tmp_path)

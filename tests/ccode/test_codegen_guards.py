@@ -529,6 +529,7 @@ def test_every_call_of_mathematics_has_a_float_form(tmp_path: Path) -> None:
     assert report["memory_bytes"]["in"] == 8
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("name", ["subway", "rls"])
 def test_float_agrees_within_its_arithmetic(name: str, tmp_path: Path) -> None:
     block = BLOCKS[name]()
@@ -781,6 +782,7 @@ def test_a_board_stops_after_enough_instructions(
     assert there["instructions"]["mean"] > 1
 
 
+@pytest.mark.second
 @pytest.mark.usefixtures("on_board")
 def test_vectors_are_replayed_on_each_board(tmp_path: Path) -> None:
     """Same vectors, same status, in double to the last bits; the limits are in instructions."""

@@ -107,6 +107,7 @@ def long_ramps(apart: float, order: list[int]) -> Block:
     return made
 
 
+@pytest.mark.second
 def test_float_and_warnings(tmp_path: Path) -> None:
     xs, ys = random_table(4, 40)
     u = np.linspace(-6, 80, 500)

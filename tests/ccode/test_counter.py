@@ -98,6 +98,7 @@ def test_a_state_that_was_never_set_up_is_told_so(tmp_path: Path) -> None:
     assert [int(s) for s, _ in rows] == [NO_INIT | REFUSED] * 2
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_the_own_test_counts_too(tmp_path: Path, real: str) -> None:
     """On this machine in both precisions; a step that takes no notice of its number is found."""
@@ -121,6 +122,7 @@ def test_without_it_nothing_is_written(tmp_path: Path) -> None:
     assert "0 0 0 511" in counted["way.a2l"]
 
 
+@pytest.mark.second
 def test_by_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["c", "subway_braking:smc", "--counter", "--rates", "--out", "c"]) == 2

@@ -58,6 +58,7 @@ def test_what_is_around_a_slow_part_has_no_counter_of_its_own():
     assert [(m.name, m.size) for m, _ in Plan(several).counters] == [("tick", 3)]
 
 
+@pytest.mark.second
 def test_each_controller_of_the_file_that_new_writes_becomes_c(tmp_path, monkeypatch):
     """That of a four-axled vehicle has parts for each axle, and some that run every few ticks."""
     monkeypatch.chdir(tmp_path)
@@ -121,6 +122,7 @@ def test_the_folder_tests_itself_with_counters(tmp_path):
     assert "guard.missed" in (tmp_path / "out" / "ctl.a2l").read_text(encoding="utf-8")
 
 
+@pytest.mark.second
 @pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_the_own_test_counts_calls_of_slow_parts(tmp_path, real):

@@ -17,6 +17,7 @@ FREE = ("T_out", "T_b", "T_cmd", "F_contr")
 """Commands, by their last name."""
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("name", ["subway_braking", "hst_braking", "freight_traction",
                                   "hst_traction"])  # fmt: skip
 def test_a_limit_that_is_raised_is_not_cut_by_a_number(name):

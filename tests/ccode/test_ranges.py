@@ -20,6 +20,7 @@ except BadInput:
     pytest.skip("no C compiler on this machine", allow_module_level=True)
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("name", resolve.studies())
 def test_every_signal_of_a_controller_has_a_range(name):
     """Both ends, numbers or expressions; and each input and each output says why it is so."""
@@ -59,6 +60,7 @@ def _spoilt(rows: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.where(spoil, rng.choice(wrong, rows.shape), rows)
 
 
+@pytest.mark.second
 @pytest.mark.parametrize(
     "name",
     ["subway_braking:sta_online", "hst_traction:hosm_limited"],

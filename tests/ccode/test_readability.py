@@ -78,6 +78,7 @@ SHIPPED = json.loads((Path(__file__).parents[2] / "docs/evidence/reach.json").re
 CONTROLLERS = list(SHIPPED["numbers"]["reach"]["controllers"])
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("study", dict.fromkeys(c.partition(":")[0] for c in CONTROLLERS))
 def test_no_shipped_controller_has_register_code_or_many_locals_without_a_name(study: str) -> None:
     """Each is written part by part, none of it by CasADi's generator."""

@@ -57,6 +57,7 @@ def test_an_fmu_holds_a_binary_for_each_platform(tmp_path):
         assert dll[:2] == b"MZ"
 
 
+@pytest.mark.second
 @needs_mingw
 @needs_wine
 def test_the_library_for_windows_gives_the_numbers_of_python(tmp_path):
@@ -80,6 +81,7 @@ def test_the_library_for_windows_gives_the_numbers_of_python(tmp_path):
         assert y == wanted["y"]
 
 
+@pytest.mark.second
 @needs_mingw
 @needs_wine
 def test_the_written_test_passes_on_windows(tmp_path):

@@ -80,6 +80,7 @@ def test_a_number_of_either_sign_has_no_largest():
         farthest(system("perturbation_seek"), {}, "k")
 
 
+@pytest.mark.second
 def test_a_slow_lag_is_refuted_by_a_run_that_checks():
     """From rest the loop swings up over many ticks; the run is replayed, each tick enclosed."""
     numbers = {"k1": 20.0, "k2": 10.0, "L": 0.8, "T": 1e-3, "band": 0.005}

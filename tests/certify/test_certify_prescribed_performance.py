@@ -378,6 +378,7 @@ def slip_run(v, mu, best, factor_F=1.0, compensated=False, law="funnel"):
     return left
 
 
+@pytest.mark.second
 def test_lowest_speed_without_the_vehicle_term():
     """Just above it the printed law holds, just below it does not; with the term it holds."""
     mu, best = np.array(list(RAILS.values())).T

@@ -121,6 +121,7 @@ def test_without_a_bound_the_promise_names_what_is_proved():
     proofs.check(relay(), payload)
 
 
+@pytest.mark.second
 def test_more_push_is_never_easier():
     certified = []
     for k in range(1, 9):

@@ -32,6 +32,7 @@ def test_of_a_linear_loop_a_tube_is_exact_also_of_one_that_grows():
         assert tube(pi(delay), n, ticks) <= far * (1 + 1e-6)
 
 
+@pytest.mark.second
 def test_random_loops_on_a_bent_curve_rise_little_more_than_was_found():
     """2 s from a start set; ratio 1.35 at most, never below what a run does."""
     rng, ratios = np.random.default_rng(9), []
@@ -77,6 +78,7 @@ def test_a_promise_for_a_time_ends_with_it():
                     proofs.check(system, payload)
 
 
+@pytest.mark.second
 def test_longer_times_and_larger_pushes_are_never_easier():
     system, numbers = pi(4), {}
     for name, values in (("W", (0.05, 0.1, 0.2)), ("e0", (0, 0.01, 0.03))):
@@ -87,6 +89,7 @@ def test_longer_times_and_larger_pushes_are_never_easier():
     assert found == sorted(found)
 
 
+@pytest.mark.second
 def test_altered_tubes_fail():
     system = pi(3)
     n = told(system, bend=2)

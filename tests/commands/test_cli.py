@@ -233,6 +233,7 @@ def test_a_log_that_cannot_be_written_does_not_cost_the_rest(
     assert Path("out/report.html").exists()
 
 
+@pytest.mark.second
 def test_ctrl_c_ends_with_130_and_what_was_finished() -> None:
     file = study_file("study.py", """
 import time

@@ -176,6 +176,7 @@ def test_what_was_not_run_is_left_out_with_a_count(capsys) -> None:
 # ---- one run, one folder ------------------------------------------------------------------------
 
 
+@pytest.mark.second
 def test_what_belongs_to_another_run_is_removed() -> None:
     run("--full")
     run("--set", "car.m=12t", "--loop", "soft")
@@ -197,6 +198,7 @@ def test_files_of_others_in_the_folder_stay() -> None:
     assert Path("o/figures/mine.png").read_text() == "mine"
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_stopped_run_says_so_and_leaves_nothing_of_another(number: int) -> None:
     run("--full")
@@ -253,6 +255,7 @@ toy.study = replace(toy.study, cases=cases)
     assert "Traceback" not in err
 
 
+@pytest.mark.second
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
 @pytest.mark.parametrize("where", ["| true", "> /dev/full", ">&-"])
 def test_results_are_written_before_anything_is_printed(where: str) -> None:
@@ -264,6 +267,7 @@ def test_results_are_written_before_anything_is_printed(where: str) -> None:
     assert "state" not in store.read_json(Path("o/metrics.json"))
 
 
+@pytest.mark.second
 def test_letters_that_the_terminal_lacks_lose_nothing() -> None:
     command = [sys.executable, "-m", "slipctl.commands.cli", "-q", "run", TOY, "--quick"]
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}

@@ -172,6 +172,7 @@ def tuned(change: Callable[[Any], Any] = lambda F: F, goal: str = "speed_error_r
     )  # fmt: skip
 
 
+@pytest.mark.second
 def test_the_search_ends_along_the_slope(monkeypatch: pytest.MonkeyPatch) -> None:
     """With slopes the mean is lower than without, at the same search; a wrong slope is not used."""
     found = tuned()

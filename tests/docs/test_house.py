@@ -29,6 +29,7 @@ def rows():
     return {r.what: r for r in house.static()}
 
 
+@pytest.mark.second
 def test_what_was_reached_stays_reached(rows):
     assert rows.keys() >= REACHED
     assert [rows[what] for what in sorted(REACHED) if not rows[what].reached] == []

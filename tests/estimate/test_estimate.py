@@ -200,6 +200,7 @@ def test_sweep_noise_free(rail):
     assert not y["changed"].any()
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("rail", TABLE_1)
 def test_sweep_with_noise_is_as_good_as_it_can_be(rail):
     """200 seeds, noise 1e-3: 95 % within 5 %, and the scatter is that of the Cramer-Rao bound.
@@ -218,6 +219,7 @@ def test_sweep_with_noise_is_as_good_as_it_can_be(rail):
     assert 0.8 < np.std(place) / bound.location < 1.25
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("rail", TABLE_1)
 def test_random_starts_converge(rail):
     """200 random starts in the box: 95 % find the peak within 2 % in one sweep, ice included."""
@@ -681,6 +683,7 @@ def test_one_residual_is_blind_where_the_likelihood_ratio_is_not():
     assert _told_after_a_shift(1e-4, memory=32)
 
 
+@pytest.mark.second
 def test_noise_alone_is_no_change():
     """10 runs of 200 samples, of a third of the noise declared and of three times that."""
     for noise in (3e-4, 3e-3):

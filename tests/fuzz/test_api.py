@@ -19,6 +19,7 @@ def test_the_calls_that_the_wrong_ones_are_made_of_are_right(name):
     assert getattr(sc, name)(*args, **kwargs) is not None
 
 
+@pytest.mark.second
 @pytest.mark.filterwarnings("ignore")
 def test_wrong_kinds_of_arguments_are_refused_by_name():
     """No error from inside, no hang: an argument is refused, or there is nothing wrong with it."""

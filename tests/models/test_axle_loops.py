@@ -36,6 +36,7 @@ def asked(tmp_path, *changes):
     return system, exact_numbers(system, {k: float(v) for k, v in gains.numbers(loop).items()})
 
 
+@pytest.mark.second
 def test_the_shipped_pid_is_proved_and_a_plain_run_stays_inside(tmp_path):
     """The axle in plain Python, written here, with the worst push of its own linear loop."""
     system, n = asked(tmp_path)
@@ -128,6 +129,7 @@ def test_the_pid_as_it_was_shipped_is_refuted_by_a_run(tmp_path):
         certificate.check(bad)
 
 
+@pytest.mark.second
 def test_more_push_lag_or_dead_time_is_never_easier(tmp_path):
     """Half-widths that are proved grow with each of them."""
     from slipctl.certify.sums import Bounds, find_cell
@@ -145,6 +147,7 @@ def test_more_push_lag_or_dead_time_is_never_easier(tmp_path):
         assert widths == sorted(widths)
 
 
+@pytest.mark.second
 def test_a_dead_time_of_few_ticks_is_asked_and_another_sample_time_refused(tmp_path):
     """A tick waits in one state; the block has its sample time inside."""
     for dead, states in (("0 ms", 0), ("1 ms", 1), ("2 ms", 2)):

@@ -102,6 +102,7 @@ def test_places_follow_the_lengths_of_the_cars():
     assert vehicle.total == pytest.approx(2 * COACH.total + BOBO.total)
 
 
+@pytest.mark.second
 def test_an_axle_that_loses_load_slides_first():
     """At a demand that the mean load carries, the last axle of a coach slides, the first does not.
 

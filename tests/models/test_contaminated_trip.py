@@ -113,6 +113,7 @@ def test_the_peak_of_a_place_is_the_number_that_it_has(tmp_path, law):
         assert -min(curve) == pytest.approx(peak, rel=1e-4)
 
 
+@pytest.mark.second
 def test_what_the_rail_carries_follows_the_train(tmp_path):
     """The peak under each axle, in the log of a run, is that of its own blend of curves."""
     trip = read(tmp_path, FILE)
@@ -139,6 +140,7 @@ def test_a_run_has_the_same_bits_compiled_and_not(tmp_path):
     assert (ways[0] == ways[1]).all()
 
 
+@pytest.mark.second
 def test_dried_and_fouled_again(tmp_path):
     """A layer dries for all; cleaned rail that is fouled again carries less for those behind."""
     ways = []
@@ -253,6 +255,7 @@ def test_patches_are_drawn_by_their_seed_alone(tmp_path):
     assert counts == {1, 2, 3, 4}
 
 
+@pytest.mark.second
 def test_an_ensemble_runs_on_the_patches_of_its_draws(tmp_path):
     """Each draw is a run of its own: wheels find the drawn layer, and stop elsewhere for it."""
     path = tmp_path / "my.toml"
@@ -298,6 +301,7 @@ rate = "30 g/s"
 """
 
 
+@pytest.mark.second
 def test_sand_is_found_by_the_axles_behind_its_nozzle(tmp_path):
     """rate/v by metre on each rail, less the share that each wheel takes; none before the delay."""
     slow = FILE.replace("1e-4 m/J", "0 m/J").replace(PLACES, "")

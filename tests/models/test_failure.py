@@ -251,6 +251,7 @@ def test_below_the_cut_off_the_demand_is_given():
     assert got[-1] == 5e3
 
 
+@pytest.mark.second
 @pytest.mark.parametrize(("stands", "limit"), [(0, 10.0), (1, 3.0)])
 def test_a_release_has_a_limit_and_is_tried_again(stands, limit):
     command = Command()

@@ -70,6 +70,7 @@ def slide(many, T, slip, seconds=10.0, mu=0.05, v_0=25.0):
     return v, a, np.tile((v - s) / R, (many, 1))
 
 
+@pytest.mark.second
 def test_ten_seconds_of_sliding_leave_the_speed_within_three_percent_and_its_bound():
     """200 seeds of bias and slope of .02 m/s^2: 99 % at least, by the closed form 99.7 %.
 
@@ -147,12 +148,14 @@ def sliding(speed, bias=0.0, let_go=1.0):
     )  # fmt: skip
 
 
+@pytest.mark.second
 def test_a_slip_that_is_held_on_all_axles_stops_as_with_the_true_speed():
     """4 axles, bias .05 m/s^2: 6 % longer at most. 8 axles, bias +-.1: 832.4, 828.6 for 824.1 m."""
     true = end_of(sliding(Exact()), "sta")
     assert end_of(sliding(Fused(), 0.05), "sta") < 1.06 * true
 
 
+@pytest.mark.second
 @pytest.mark.parametrize(("kind", "speed"), [
     ("frozen", Exact()), ("missing", Fused()), ("jumps", Fused()), ("frozen", LargestWheel()),
     ("missing", WheelsOnly()),

@@ -234,6 +234,7 @@ def test_an_air_brake_drives_nothing_and_a_period_is_whole_ticks():
         SlipControl(period=0.0025)
 
 
+@pytest.mark.second
 def test_a_period_of_ten_ticks_stops_where_one_tick_does():
     def place(period, act):
         made = trip(duration=8.0, control=SlipControl(period=period), actuator=act,

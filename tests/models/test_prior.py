@@ -154,6 +154,7 @@ def test_curves_over_their_heights_in_the_description(eppfc, tmp_path: Path):
         assert "AXIS_PTS_REF ctl_param.a0_at\n" in found[0]
 
 
+@pytest.mark.second
 @needs_compiler
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_changed_points_in_c_are_those_in_python(eppfc, real: str, tmp_path: Path):
@@ -192,6 +193,7 @@ def test_heights_that_do_not_rise_are_refused_by_tune(eppfc, tmp_path: Path):
     assert module._call("tune", module._param, module._state) == 0
 
 
+@pytest.mark.second
 def test_points_are_set_by_the_command(tmp_path: Path, capsys):
     """A list, each with its unit; another number of them is refused in one line."""
     assert cli.main(["c", "hst_braking:eppfc", "--set", "ctl.a1_at=[30, 26, 24]",

@@ -170,6 +170,7 @@ CREEPING = blended_law(falling_creep.with_params(v_0=SMOOTH * 10, **LEAVES),
 """v_0 at its least: 1 mm/s, which is none here."""
 
 
+@pytest.mark.second
 @pytest.mark.parametrize(
     ("cars", "slip", "tau", "stop"),
     [(2, (0.10,) * 8, 1e-4, 698.838), (2, "greedy", 1e-4, 755.894),
@@ -214,6 +215,7 @@ def test_trains_without_protection_stop_where_another_code_says(case):
     assert abs(stop.train_error) < 1e-12
 
 
+@pytest.mark.second
 @pytest.mark.parametrize(("cell", "h"), [(2.0, 4e-3), (0.4, 1e-3), (0.31, 2e-3), (0.05, 2e-4)])
 def test_energy_is_exact_at_any_step_and_cell(cell, h):
     """A5, A6: what the train gives is on the rail, however coarse step and cell are."""

@@ -70,6 +70,7 @@ def poor(mu=0.05, **changes):
     return train(4, rail=rail, **changes)
 
 
+@pytest.mark.second
 @pytest.mark.parametrize(("axles", "cleaning", "way"), [(4, 3.4e-5, 851), (4, 1e-4, 830)])
 def test_it_stops_where_the_machine_of_the_specification_does(axles, cleaning, way):
     """8 and 16 axles, weak and medium: 847, 830, 820, 775 m for 834, 811, 797, 753 m."""
@@ -79,12 +80,14 @@ def test_it_stops_where_the_machine_of_the_specification_does(axles, cleaning, w
     assert not ((rim == 0) & (v[:, None] > 5 / 3.6 + 0.5)).any()
 
 
+@pytest.mark.second
 def test_no_valve_moves_in_a_stop_on_dry_rail():
     log = run(dry())
     assert not log["plant.act.switched"].values.any()
     assert log["plant.train.v"].values[-1] < 0.05
 
 
+@pytest.mark.second
 def test_a_stop_on_a_poor_rail_lies_between_its_peak_and_the_locked_wheel():
     made = poor()
     log, none = run(made), run(made, "none")
@@ -97,12 +100,14 @@ def test_a_stop_on_a_poor_rail_lies_between_its_peak_and_the_locked_wheel():
     assert used == pytest.approx(let * made.actuator.volume / ATMOSPHERE, rel=0.05)
 
 
+@pytest.mark.second
 def test_half_of_the_period_stops_at_the_same_place():
     ways = [float(run(poor(control=SlipControl(period=T)))["plant.train.x"].values[-1])
             for T in (0.01, 0.005)]  # fmt: skip
     assert ways[1] == pytest.approx(ways[0], rel=0.02)
 
 
+@pytest.mark.second
 def test_after_a_step_of_the_rail_the_force_comes_back_before_the_watchdog():
     rail = Track(
         law="falling_creep", conditions={"ice": {"mu_0": 0.03, "A": 0.7, "B": 0.2}},
@@ -164,6 +169,7 @@ def test_the_watchdog_counts_releases_gives_the_demand_and_tries_again():
     assert not given(1, 3e3, stands=1.0)[52:100].any()
 
 
+@pytest.mark.second
 def test_a_wheel_that_reads_too_fast_costs_no_distance_on_dry_rail():
     """Its ratio is learnt with a jump, which is no slide that the axle is let go for."""
     whole = float(run(dry())["plant.train.x"].values[-1])

@@ -65,6 +65,7 @@ def run(made, name="none", **how):
     return simulate(found.loops[name], found.scenario, compile=False, **how)
 
 
+@pytest.mark.second
 def test_a_loop_is_the_same_in_every_process():
     # Python orders sets of texts by a number of the process; what depends on it is compiled anew
     # each time, and may sum in another order
@@ -166,6 +167,7 @@ def test_energy_goes_where_the_powers_say():
 SLOPES = {"down": (-0.04, "dry"), "up": (0.04, "dry"), "weak": (-0.02, "leaves")}
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("name", SLOPES)
 def test_a_braked_car_stands_on_a_slope_and_starts_again_when_released(name):
     gradient, condition = SLOPES[name]

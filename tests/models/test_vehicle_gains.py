@@ -125,6 +125,7 @@ def test_what_is_late_decides(tmp_path, capsys):
     assert all(0 < v < 1 for v in costs.values())
 
 
+@pytest.mark.second
 def test_each_law_is_asked_as_its_system(tmp_path, capsys):
     """What has no criterion is said with its reason, and no number had to be typed."""
     path = written(tmp_path, MEASURED, axles=1, ensemble="")

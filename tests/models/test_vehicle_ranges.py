@@ -77,6 +77,7 @@ def test_no_number_of_a_controller_is_without_a_range(tmp_path, text, changes):
         assert loop[study.controller].without_range() == [], name
 
 
+@pytest.mark.second
 @pytest.mark.parametrize(("wheel", "speed"), SENSORS)
 def test_every_true_sample_is_believed(tmp_path, text, wheel, speed):
     """Of any sensor that a file may name, on dry rail and on leaves."""
@@ -88,6 +89,7 @@ def test_every_true_sample_is_believed(tmp_path, text, wheel, speed):
         assert log[name].values.all(), name
 
 
+@pytest.mark.second
 @pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 def test_ten_wrong_wheel_speeds_do_nothing(tmp_path, text):
     """10 000 rad/s for ten ticks took super-twisting's torque off its course to the end."""

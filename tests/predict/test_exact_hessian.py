@@ -159,6 +159,7 @@ def test_it_ends_where_gauss_newton_ends(options):
     assert ours["status"] == 0
 
 
+@pytest.mark.second
 @pytest.mark.usefixtures("needs_compiler")
 def test_generated_c_bends_alike(tmp_path):
     n = 10

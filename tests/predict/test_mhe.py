@@ -240,6 +240,7 @@ def test_bad_input_is_one_line(options, text):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.second
 @pytest.mark.usefixtures("needs_compiler")
 def test_generated_c_repeats_the_estimator(tmp_path):
     """With a limit that holds, in double: the numbers of Python, to the rounding of sums."""

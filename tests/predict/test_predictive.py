@@ -44,12 +44,14 @@ from slipctl.studies.predictive.slip_problem import (
 )
 
 
+@pytest.mark.second
 def test_reference_values_of_the_problem():
     """Published closed-loop costs: 29.031 with one iteration, 932.15 with a wrong adhesion."""
     assert closed_loop(make())[0] == pytest.approx(29.031, abs=5e-4)
     assert closed_loop(make(), mismatch=True)[0] == pytest.approx(932.15, abs=5e-3)
 
 
+@pytest.mark.second
 def test_three_iterations_come_within_a_percent_of_the_converged_solution():
     """843.85 is what SQP converged to 1e-4, IPOPT and FATROP give."""
     total, _, status, _ = closed_loop(make(iterations=3), mismatch=True)
@@ -57,6 +59,7 @@ def test_three_iterations_come_within_a_percent_of_the_converged_solution():
     assert not status.any()
 
 
+@pytest.mark.second
 def test_ipopt_gives_the_converged_reference():
     total = closed_loop(make(solver="ipopt"), mismatch=True, ticks=250)[0]
     assert total == pytest.approx(843.85, abs=0.01)
@@ -98,6 +101,7 @@ def test_the_active_set_solves_the_same_qp_as_osqp(options, seed):
     assert ours["U"] == pytest.approx(theirs["U"], abs=2e-6)
 
 
+@pytest.mark.second
 @settings(max_examples=25)
 @given(
     passes=st.integers(1, 3), peak=st.floats(0.05, 0.4), v=st.floats(1, 40), T=st.floats(0, 8),
@@ -220,6 +224,7 @@ def test_an_answer_of_another_solver_is_checked_before_it_is_used(solver, monkey
         tick(10, 10.05, 1, 0, 0.3, 0.02)
 
 
+@pytest.mark.second
 @pytest.mark.usefixtures("needs_compiler")
 @pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
 def test_a_solver_that_calls_compiled_c_gives_the_bits_of_the_interpreted(solver):
@@ -267,6 +272,7 @@ def test_a_solver_that_is_not_there_is_one_line(monkeypatch):
             make(solver=solver)
 
 
+@pytest.mark.second
 def test_a_deadline_makes_the_same_passes_in_every_tick_and_the_same_controls():
     """All four, where two to three settle; a rate may need more, which is told."""
     found, usual = (closed_loop(make(passes=4, **o)) for o in (dict(deadline=True), dict(rescue=0)))
@@ -292,6 +298,7 @@ def test_a_broken_problem_holds_the_plan_and_recovers():
     assert u == pytest.approx(Driver(make())(10, 10.15, 2, 0, 0.3, 0.02)[0], rel=0.05)
 
 
+@pytest.mark.second
 def test_limits_are_kept_from_many_starts_in_closed_loop():
     """Recursive feasibility of bounds and rates, tried; a block that lies is caught."""
     block = make(rates={"u": 60.0})
@@ -467,6 +474,7 @@ def test_a_plant_without_second_derivatives_is_refused():
         trajectory(plant, Scenario("go", 1.0), "u", "v")
 
 
+@pytest.mark.second
 @pytest.mark.usefixtures("needs_compiler")
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_generated_c_repeats_the_controller(real, tmp_path):

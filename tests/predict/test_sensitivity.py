@@ -93,6 +93,7 @@ def coarse(
     return dict(last=u), dict(u=u)
 
 
+@pytest.mark.second
 def test_what_has_no_slope_is_refused_in_one_line():
     with pytest.raises(BadInput, match="something jumps") as error:
         run_slopes(loop(dac=coarse), SCENARIO, ["plant.m_q"])

@@ -23,6 +23,7 @@ def closed_loop(options, prepares):
     return np.array(rows)
 
 
+@pytest.mark.second
 @pytest.mark.parametrize(
     "options",
     [

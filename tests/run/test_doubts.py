@@ -190,6 +190,7 @@ def test_a_metric_that_a_loop_has_not_is_told_with_the_reason():
     assert absent(results, "base") == []
 
 
+@pytest.mark.second
 def test_warnings_stand_at_the_top_of_output_and_report(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     text = (Path(vehicle.__file__).parent / "files" / "metro.toml").read_text(encoding="utf-8")

@@ -56,6 +56,7 @@ def outcome(run):
         return f"{type(error).__name__}: {error}"
 
 
+@pytest.mark.second
 @given(st.sampled_from(["plain", "subway_braking", "hst_braking", "hst_traction"]), st.data())
 def test_a_prepared_run_is_with_params_and_simulate(which: str, data: st.DataObject) -> None:
     """Any parameters, start values, shared numbers and single places of them, in and off range."""

@@ -99,6 +99,7 @@ LOOPS = {
 }
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("name", LOOPS)
 def test_compiled_and_interpreted_runs_give_the_same_bits(name, needs_compiler):
     """Across changes of rail; with saturation, jumps, noise, Newton steps and skipped parts."""
@@ -371,6 +372,7 @@ def processes(count: int, cache) -> list[str]:
     return [out.strip() + err for out, err in results]
 
 
+@pytest.mark.second
 def test_parallel_runs_share_the_cache_and_a_foreign_file_is_built_again(tmp_path, needs_compiler):
     """Two processes at once on a cold cache: one library, nothing half-written, the same bits."""
     first, second = processes(2, tmp_path)

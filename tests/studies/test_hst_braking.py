@@ -64,6 +64,7 @@ def test_bounds_agree_with_the_closed_form():
     assert closed_form_distance(fixed) == pytest.approx(257.5260, abs=5e-5)
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("scenario", ["base", "noise", "resistance"])
 def test_no_loop_beats_the_bound(scenario):
     case = next(c for c in context().cases if c.scenario.name == scenario)
@@ -109,6 +110,7 @@ def test_best_slip_within_50_ms_with_the_prior(noise, seed):
     assert off("eppfc", noise, seed)[2050:4000].max() <= 0.01
 
 
+@pytest.mark.second
 def test_best_slip_without_a_prior():
     assert off("eppfc_free")[2120:4000].max() <= 0.01
     for seed in (1, 2, 3):
@@ -194,6 +196,7 @@ def test_random_rails_are_what_they_say():
     assert all(0.5 <= length <= 3 for length, _ in run)
 
 
+@pytest.mark.second
 def test_random_runs_lock_no_wheel_and_beat_no_bound():
     table = experiments.random_rails(context())["random_rails"]
     assert list(table["broke"]) == [0] * len(random_rails.RANDOM)

@@ -81,6 +81,7 @@ def test_held_is_said_of_the_slip_and_not_of_the_search():
     assert verdict("optimum_within_400ms_windowed", r)[0] == "reproduced"
 
 
+@pytest.mark.second
 def test_with_real_sensors_the_metric_counts_against_the_best_slip():
     """The loop tracks its own reference, and that is off: only the first may be called settled."""
     case = next(c for c in cases(MODELS, True) if c.scenario.name == "real")

@@ -43,6 +43,7 @@ def test_sections_are_drawn_as_they_are_said_to_be():
         assert abs(values.mean() - (low + high) / 2) < 4 * 0.2887 * (high - low) / 20
 
 
+@pytest.mark.second
 def test_random_sections_are_found_within_half_a_second():
     """30 of the 1000 sections of the experiment, noise-free: all within 5 % for good."""
     rng = np.random.default_rng(4)
@@ -74,6 +75,7 @@ def test_a_released_brake_limits_how_fast_the_slip_falls():
     assert sections.fastest(2.4, **rail) == pytest.approx(reached, rel=0.03)
 
 
+@pytest.mark.second
 def test_after_leaves_the_estimate_comes_back_on_seeds_that_chose_nothing():
     """Some of the forty that judge; the experiment ``leaves`` has all. 101 was lost when the
     estimator took the meter's noise as white: it stayed at .63 of the best slip.

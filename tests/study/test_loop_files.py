@@ -31,6 +31,7 @@ def load(text, path):
     return trip_files.load(str(path))
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("name", STUDIES)
 def test_loops_of_a_study_are_written_out_and_run_to_their_bits(name, built, tmp_path):
     tried = set()

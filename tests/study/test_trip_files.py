@@ -81,6 +81,7 @@ def test_new_writes_a_file_and_its_schema_and_never_over_another(tmp_path, monke
     assert "did you mean 'metro'" in capsys.readouterr().err
 
 
+@pytest.mark.second
 def test_show_and_certify_know_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("metro.toml").write_text(METRO, encoding="utf-8")

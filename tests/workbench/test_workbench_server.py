@@ -83,6 +83,7 @@ def heard(talk, kind, seconds=60):
 # ---- who may talk -------------------------------------------------------------------------------
 
 
+@pytest.mark.second
 def test_it_is_bound_to_this_machine_alone(server):
     """No other address of this machine answers; the token is long and drawn anew."""
     assert server._socket.getsockname()[0] == "127.0.0.1"
@@ -261,6 +262,7 @@ def test_raw_bytes_do_not_end_the_server(server):
     assert asked(server, f"/?{token(server)}")[0].status == 303
 
 
+@pytest.mark.second
 def test_a_law_that_takes_too_long_is_stopped_and_the_page_lives(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "slow.py").write_text("import time\ntime.sleep(600)\n")
