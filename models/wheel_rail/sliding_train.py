@@ -93,7 +93,7 @@ class SlidingTrain:
     def heights(self, e: np.ndarray, v: float) -> tuple[np.ndarray, np.ndarray]:
         """Adhesion under the layer and without it at creep ratios and a speed in m/s."""
         low, high = self.curves(np.asarray(e)[None, :], v)
-        return np.ravel(low), np.ravel(high)
+        return low.full().ravel(), high.full().ravel()
 
     def recovered(self, W: Any) -> Any:
         """Share of the clean curve at an energy in J/m."""

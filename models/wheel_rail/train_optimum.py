@@ -122,7 +122,7 @@ def refined_point(train: SlidingTrain, v: float, slips: np.ndarray) -> tuple[np.
     problem = {"x": e, "f": -total, "g": ca.vertcat(*limits)}
     found = _solver("point", problem)(x0=slips, lbx=LEAST, ubx=train.slip, lbg=-np.inf,
                                       ubg=train.t_gamma)  # fmt: skip
-    return np.ravel(found["x"]), -float(found["f"])
+    return found["x"].full().ravel(), -float(found["f"])
 
 
 @dataclass(frozen=True)
@@ -251,7 +251,7 @@ def _refined(train: SlidingTrain, start: Stop, rule: Rule, speed: float, mesh: f
         lbg=np.concatenate([np.zeros(kept.numel()), np.full(least.numel(), -np.inf)]),
         ubg=np.concatenate([np.zeros(kept.numel()), np.full(least.numel(), train.t_gamma)]),
     )
-    return np.ravel(found["x"])[K + 1 : K + 1 + n * K].reshape(K, n)
+    return found["x"].full().ravel()[K + 1 : K + 1 + n * K].reshape(K, n)
 
 
 def _step(train: SlidingTrain) -> ca.Function:
