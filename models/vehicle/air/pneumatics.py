@@ -38,6 +38,13 @@ _SHAPE = ((KAPPA + 1) / 2) ** ((KAPPA + 1) / (2 * (KAPPA - 1)))
 SUPPLY = 5e5
 """Usual gauge pressure in Pa behind the pressure regulator of a brake."""
 
+# numbers that the cylinder and what a controller knows of it have alike
+T_MAX = Param("N m", 8e3, "torque at the full pressure", ADDED, lo=1, hi=1e8)
+P_FULL = Param("Pa", 3.8e5, "full pressure, gauge", ADDED, lo=1e3, hi=2e6)
+P_SUPPLY = Param("Pa", SUPPLY, "pressure of the supply, gauge", ADDED, lo=1e3, hi=2e6)
+K_FILL = Param("1/s", 0.44, "rate of the choke that fills", ADDED, lo=1e-3, hi=1e3)
+K_VENT = Param("1/s", 1.75, "rate of the choke that vents", ADDED, lo=1e-3, hi=1e3)
+
 
 def rate_of_choke(diameter: float, volume: float, C: float = 0.7, warm: float = 293.0) -> float:
     """Rate k in 1/s at which air from p_0 on changes a pressure, dp/dt = k p_0, through a choke.
@@ -110,11 +117,11 @@ def cylinder(
     vent=Input("1", "1 while it is open to the air"),
     T_demand=Input("N m", "torque that is demanded of the axle", positive="braking"),
     supply=Input("Pa", "pressure of the supply, absolute", value=SUPPLY + ATMOSPHERE),
-    k_f=Param("1/s", 0.44, "rate of the choke that fills", ADDED, lo=1e-3, hi=1e3),
-    k_v=Param("1/s", 1.75, "rate of the choke that vents", ADDED, lo=1e-3, hi=1e3),
+    k_f=K_FILL,
+    k_v=K_VENT,
     V=Param("m^3", 4e-3, "volume of the cylinder", ADDED, lo=1e-5, hi=1),
-    T_max=Param("N m", 8e3, "torque at the full pressure", ADDED, lo=1, hi=1e8),
-    p_full=Param("Pa", 3.8e5, "full pressure, gauge", ADDED, lo=1e3, hi=2e6),
+    T_max=T_MAX,
+    p_full=P_FULL,
     weighed=Param("1", 1.0, "mass by the load weighing over the true one", ADDED, lo=0.05, hi=20),
     T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
 ):  # fmt: skip
@@ -205,11 +212,11 @@ def brake_model(ticks: int) -> Block:
         vent=Input("1", "bit of the valve that vents"),
         T_b=Input("N m", "torque, from the pressure sensor", positive="braking"),
         T_demand=Input("N m", "torque that is demanded", positive="braking"),
-        T_max=Param("N m", 8e3, "torque at the full pressure", ADDED, lo=1, hi=1e8),
-        p_full=Param("Pa", 3.8e5, "full pressure, gauge", ADDED, lo=1e3, hi=2e6),
-        p_s=Param("Pa", SUPPLY, "pressure of the supply, gauge", ADDED, lo=1e3, hi=2e6),
-        k_f=Param("1/s", 0.44, "rate of the choke that fills", ADDED, lo=1e-3, hi=1e3),
-        k_v=Param("1/s", 1.75, "rate of the choke that vents", ADDED, lo=1e-3, hi=1e3),
+        T_max=T_MAX,
+        p_full=P_FULL,
+        p_s=P_SUPPLY,
+        k_f=K_FILL,
+        k_v=K_VENT,
         corrects=Param("1/s", 2.0, "rate at which it follows the sensor", ADDED, lo=0, hi=100),
         T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
     ):  # fmt: skip
@@ -251,11 +258,11 @@ def valve_bits(
     T_demand=Input("N m", "torque that is demanded", positive="braking"),
     T_b=Input("N m", "torque, from the pressure sensor", positive="braking"),
     under_way=Input("N m", "change by the bits within the dead time", positive="braking"),
-    T_max=Param("N m", 8e3, "torque at the full pressure", ADDED, lo=1, hi=1e8),
-    p_full=Param("Pa", 3.8e5, "full pressure, gauge", ADDED, lo=1e3, hi=2e6),
-    p_s=Param("Pa", SUPPLY, "pressure of the supply, gauge", ADDED, lo=1e3, hi=2e6),
-    k_f=Param("1/s", 0.44, "rate of the choke that fills", ADDED, lo=1e-3, hi=1e3),
-    k_v=Param("1/s", 1.75, "rate of the choke that vents", ADDED, lo=1e-3, hi=1e3),
+    T_max=T_MAX,
+    p_full=P_FULL,
+    p_s=P_SUPPLY,
+    k_f=K_FILL,
+    k_v=K_VENT,
     band=Param("Pa", 5e3, "error of the pressure that it holds at", ADDED, lo=0, hi=1e5),
     pulse=Param("s", 0.0, "shortest time that the valves stay", ADDED, lo=0, hi=1),
     T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),

@@ -18,7 +18,14 @@ from casadi import fmax, fmin, if_else, logic_and, logic_or
 
 from slipctl import Block, Input, Output, Param, State, law, state_machine, step
 from slipctl.models.common_form import ADDED, T_S
-from slipctl.models.vehicle.air.pneumatics import SUPPLY, changes_by_valves
+from slipctl.models.vehicle.air.pneumatics import (
+    K_FILL,
+    K_VENT,
+    P_FULL,
+    P_SUPPLY,
+    T_MAX,
+    changes_by_valves,
+)
 from slipctl.models.vehicle.failure import NEVER
 
 STATES = ("fill", "hold", "vent")
@@ -100,11 +107,11 @@ def refill(
     ramp=Param("m/s^3", 0.67, "largest rise of the deceleration", TOLD, lo=0.01, hi=1e3),
     m_axle=Param("kg", 8000.0, "load on the rail", ADDED, lo=100, hi=1e8),
     r=Param("m", 0.42, "wheel radius", ADDED, lo=0.2, hi=1),
-    T_max=Param("N m", 8e3, "torque at the full pressure", ADDED, lo=1, hi=1e8),
-    p_full=Param("Pa", 3.8e5, "full pressure, gauge", ADDED, lo=1e3, hi=2e6),
-    p_s=Param("Pa", SUPPLY, "pressure of the supply, gauge", ADDED, lo=1e3, hi=2e6),
-    k_f=Param("1/s", 0.44, "rate of the choke that fills", ADDED, lo=1e-3, hi=1e3),
-    k_v=Param("1/s", 1.75, "rate of the choke that vents", ADDED, lo=1e-3, hi=1e3),
+    T_max=T_MAX,
+    p_full=P_FULL,
+    p_s=P_SUPPLY,
+    k_f=K_FILL,
+    k_v=K_VENT,
     pulse=Param("s", 0.0, "shortest time that the valves stay", ADDED, lo=0, hi=1),
     T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
 ):  # fmt: skip
@@ -135,7 +142,7 @@ def watchdog(
     retry=Input("1", "1 while the train gets the demand after a long release"),
     T_b=Input("N m", "torque, from the pressure sensor", positive="braking"),
     T_demand=Input("N m", "torque that is demanded", positive="braking"),
-    T_max=Param("N m", 8e3, "torque at the full pressure", ADDED, lo=1, hi=1e8),
+    T_max=T_MAX,
     limit=Param("s", 10.0, "longest release", ADDED, lo=0.1, hi=900),
     limit_still=Param("s", 3.0, "longest release of a wheel that does not run up", ADDED,
                       lo=0.1, hi=900),
