@@ -263,7 +263,7 @@ def test_completion_offers_what_is_declared():
     assert "[limits]" in offered(TEXT, "[rail]")
 
 
-@pytest.mark.second
+@pytest.mark.long
 @settings(max_examples=20)
 @given(st.data())
 def test_no_edit_of_a_text_is_a_traceback(data):
@@ -298,7 +298,7 @@ def test_what_has_no_line_of_its_own_is_not_changed(keys):
 # ---- files --------------------------------------------------------------------------------------
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_saving_writes_the_number_at_its_key_and_keeps_comments(metro):
     numbers = {"ctl.law.law.k1": 25.0, "tau": 0.08}
     done = saved_files.save_desk(metro, "", metro.text, numbers)
@@ -311,6 +311,7 @@ def test_saving_writes_the_number_at_its_key_and_keeps_comments(metro):
     assert float(again["tau"]) == pytest.approx(0.08)
 
 
+@pytest.mark.second
 def test_a_number_without_a_key_is_refused_and_nothing_written(metro):
     with pytest.raises(BadInput, match=r"no key of metro\.toml sets ctl\.estimator\.gate"):
         saved_files.save_desk(metro, "", metro.text, {"ctl.estimator.gate": 5.0})
