@@ -47,6 +47,9 @@ def test_units_of_every_part_of_a_vehicle_fit(file, loop):
     found = case(trip_files.load_trip(str(FILES / file))).loops[loop]
     leaves = {id(leaf._made): (path, leaf) for path, leaf in found.leaves()}
     left = [n.rpartition(".")[2].partition("(")[0] for n in LEFT]
-    lost = {path: lines for path, leaf in leaves.values()
-            if path.rpartition(".")[2] not in (*left, "pads", "air") and (lines := misfits(leaf))}
+    lost = {
+        path: lines
+        for path, leaf in leaves.values()
+        if path.rpartition(".")[2] not in (*left, "pads", "air") and (lines := misfits(leaf))
+    }
     assert lost == {}
