@@ -186,4 +186,5 @@ def test_a_draw_that_leaves_the_range_of_the_law_refuses_no_run(tmp_path):
         assert set(found[name].cases(None, True)[0].loops) >= {"none", "pid"}
     assert any(g.loop == "pid" for g in found["inside"].gains)
     assert not any(g.loop == "pid" for g in found["beyond"].gains)
-    assert "[ensemble] draws what the rail's law does not know" in found["beyond"].uncertified["pid"]
+    why = found["beyond"].uncertified["pid"]
+    assert "[ensemble] draws what the rail's law does not know" in why
