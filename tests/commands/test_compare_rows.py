@@ -22,7 +22,7 @@ def test_every_loop_that_two_sides_have_is_compared_whatever_one_has_alone():
     """In any order of the loops: one that stands alone ends nothing."""
     same, other = numbers(m=1.0), numbers(m=2.0)
     for order in (("alone", "both"), ("both", "alone")):
-        one = {n: p for n, p in (("alone", same), ("both", same))}
+        one = {"alone": same, "both": same}
         sides = [Side("a", parameters={n: one[n] for n in order}),
                  Side("b", parameters={"both": other})]  # fmt: skip
         assert compare.changes(sides) == [{"what": "both: m", "unit": "kg", "values": ["1", "2"]}]
