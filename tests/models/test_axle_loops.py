@@ -174,7 +174,7 @@ def test_a_draw_that_leaves_the_range_of_the_law_refuses_no_run(tmp_path):
     from slipctl.models.vehicle.study import study
 
     text = SHIPPED.read_text(encoding="utf-8")
-    scale = "[ensemble.scale]\nadhesion = \"0.5:1.2 of plant.train.adh.c\"\n"
+    scale = '[ensemble.scale]\nadhesion = "0.5:1.2 of plant.train.adh.c"\n'
     head, tail = text[: text.index("[ensemble]")], text[text.index("[controllers.none]") :]
     found = {}
     for name, low in (("inside", "0.1"), ("beyond", "0.0011")):
