@@ -128,3 +128,22 @@ def test_a_run_that_fails_is_told_and_ends_with_1(tmp_path, capsys, monkeypatch)
     assert "4 runs, 1 failed" in text
     assert "1 of 4 runs failed" in err
     assert "state x is NaN" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--vary", "m=30e3:45e3", "--samples", "3"), False),
+        (("--vary", "m=30e3:45e3:3"), False),
+        (("--vary", "m=30e3:45e3:3", "--samples", "3"), True),
+    ],
+)
+def test_a_number_of_samples_without_effect_is_told(words, told, tmp_path, capsys):
+    """Where values are counted out and none is drawn."""
+    path = tmp_path / "car.toml"
+    path.write_text(FILE.format(more="", speed="60 km/h"), encoding="utf-8")
+    line = ["sweep", f"{path}:none", "--out", str(tmp_path / "out"), "--no-compile", *words]
+    assert main(line) == 0
+    said = capsys.readouterr()
+    assert "3 runs" in said.out
+    assert ("is left out, as nothing is drawn" in said.err) == told

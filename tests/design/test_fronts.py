@@ -128,3 +128,27 @@ def test_the_command_writes_the_front(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_objectives_that_are_none(objective: list[str], said: str) -> None:
     with pytest.raises(BadInput, match=said):
         tuned(objective=objective, runs=12)
+
+
+@given(st.lists(st.tuples(st.floats(0, 9), st.floats(0, 9)), max_size=5))
+def test_each_generation_is_told_with_its_ends_and_taken_down(found):
+    """Least and largest mean of each objective on the front; limits that nothing meets are told."""
+    from types import SimpleNamespace
+
+    search, said = object.__new__(FrontSearch), []
+    front = [Candidate(n, {"k": 2.0}, np.zeros(1), Score([a], []), (Score([b], []),))
+             for n, (a, b) in enumerate(found)]  # fmt: skip
+    best = front[0] if front else Candidate(9, {"k": 3.0}, np.zeros(1), Score([7.0], []),
+                                            (Score([8.0], []),))  # fmt: skip
+    search.front, search.best, search.limits, search.course = front, best, [], []
+    search.rolls = SimpleNamespace(done=12)
+    search.objective, search.others = SimpleNamespace(text="one"), (SimpleNamespace(text="other"),)
+    search.frees = [SimpleNamespace(short="k", name="k", unit="1")]
+    search.tell = said.append
+    search._say(3)
+    assert search.course == [(12, best.score.mean(), 0.0)]
+    assert said[0].startswith(f"generation 3: 12 runs, {len(front)} points, ")
+    assert ("limits not met yet" in said[0]) == (not front)
+    for k, name in enumerate(("one", "other")) if front else ():
+        ends = [f([p[k] for p in found]) for f in (min, max)]
+        assert f"{name} {ends[0]:.6g} to {ends[1]:.6g}" in said[0]

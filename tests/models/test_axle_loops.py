@@ -168,3 +168,24 @@ def test_a_rail_on_which_the_demand_rules_has_no_certificate(tmp_path):
     trip = trip_files.load_trip(str(path))
     assert not axle_loops.gains(trip)
     assert "never rules" in axle_loops.reasons_without_certificate(trip, {})["pid"]
+
+
+def test_a_draw_that_leaves_the_range_of_the_law_refuses_no_run(tmp_path):
+    """The loops are made and the reason is told; without the draw the refusal is the file's own."""
+    from slipctl.models.vehicle.study import study
+
+    text = SHIPPED.read_text(encoding="utf-8")
+    scale = '[ensemble.scale]\nadhesion = "0.5:1.2 of plant.train.adh.c"\n'
+    head, tail = text[: text.index("[ensemble]")], text[text.index("[controllers.none]") :]
+    found = {}
+    for name, low in (("inside", "0.1"), ("beyond", "0.0011")):
+        path = tmp_path / f"{name}.toml"
+        changed = head.replace("leaves = { c = 0.09", f"leaves = {{ c = {low}")
+        assert changed != head
+        path.write_text(changed + scale + tail, encoding="utf-8")
+        found[name] = study(trip_files.load_trip(str(path)))
+        assert set(found[name].cases(None, True)[0].loops) >= {"none", "pid"}
+    assert any(g.loop == "pid" for g in found["inside"].gains)
+    assert not any(g.loop == "pid" for g in found["beyond"].gains)
+    why = found["beyond"].uncertified["pid"]
+    assert "[ensemble] draws what the rail's law does not know" in why

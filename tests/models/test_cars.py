@@ -1,6 +1,7 @@
 """A vehicle by its cars: where axles are, what they carry, and how the load moves."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,9 +23,10 @@ from slipctl.models.vehicle import (
     Trip,
     Vehicle,
     loop,
+    parts,
     scenario,
 )
-from slipctl.models.vehicle.parts import Car, Pads
+from slipctl.models.vehicle.parts import Car, Pads, plausibility
 
 COACH = Car(
     mass=32e3 + 2 * 2.615e3 + 4 * 1.813e3, wheelbase=2.56, bogie_centres=19.0, length=26.4,
@@ -225,3 +227,20 @@ def test_pads_that_say_nothing_are_refused():
     strong = train(Car(mass=60e3), Car(mass=60e3, pads=Pads(material="disc", blocks=2)))
     with pytest.raises(BadInput, match=r"vehicle.cars.1.pads.blocks: 12000 N m are"):
         trip(strong)
+
+
+@pytest.mark.parametrize("mode", ["brake", "drive"])
+@pytest.mark.parametrize("share", [0.99, 1.01])
+def test_an_axle_that_carries_nothing_is_told(mode, share):
+    """Of a car of two axles the rear one lifts at a = g b/(2 h) of the body on wheels without mass.
+
+    Braked it is the second axle, driven the first one.
+    """
+    car = parts.Car(mass=24e3, axles=2, bogies=0, wheelbase=2.5, height=3.0, length=10.0)
+    vehicle = parts.Vehicle(cars=(car,), speed=20.0, mode=mode, inertia=100.0)
+    level = share * 9.81 * 2.5 / (2 * 3.0)
+    word = "deceleration" if mode == "brake" else "acceleration"
+    demand = parts.Constant(**{word: level})
+    lines = list(plausibility._lifted(SimpleNamespace(vehicle=vehicle, demand=demand)))
+    assert len(lines) == (share > 1)
+    assert all(f"axle {2 if mode == 'brake' else 1} carries nothing" in k for k in lines)

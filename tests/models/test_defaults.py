@@ -20,8 +20,12 @@ from slipctl import models as package
 from slipctl.models import common_form, converters, ranges, sensors
 from slipctl.models.cheng_2022 import freight_resistance
 from slipctl.models.huang_2020 import subway_braking
-from slipctl.models.vehicle import parts
+from slipctl.models.vehicle import failure, parts, plant, wheels
+from slipctl.models.vehicle.air import pneumatics, slide_protection
+from slipctl.models.vehicle.measurement import fused_speed
+from slipctl.models.vehicle.slip import takeover
 from slipctl.models.wang_2025 import hst_traction, hst_traction_adhesion
+from slipctl.models.wheel_rail import contact, torsion
 from slipctl.models.zhang_2021 import ep_valve, hst_braking
 from slipctl.study import resolve
 
@@ -46,6 +50,26 @@ EXAMPLES: dict[str, Callable[[], Block]] = {
     "ranges.probe_ranged": lambda: ranges.probe_ranged(probe(SUBWAY, "v_s", within=(0.1, 6.0))),
     "sensors.reading": lambda: sensors.noisy_sensor("m/s"),
     "sensors.speed_of_wheels": lambda: sensors.speed_of_wheels(4),
+    **{f"vehicle.failure.trust({driven})": lambda driven=driven: failure.trust(2, driven)
+       for driven in (False, True)},
+    "vehicle.air.pneumatics.magnet_valves": lambda: pneumatics.magnet_valves(2),
+    "vehicle.air.pneumatics.reservoir": lambda: pneumatics.reservoir(2),
+    "vehicle.air.pneumatics.brake_model": lambda: pneumatics.brake_model(2),
+    "vehicle.air.slide_protection.slide_machine": slide_protection.slide_machine,
+    "vehicle.measurement.fused_speed.accelerometer": fused_speed.accelerometer,
+    "vehicle.measurement.fused_speed.largest_wheel": lambda: fused_speed.largest_wheel(2),
+    "vehicle.measurement.fused_speed.axle_weights": lambda: fused_speed.axle_weights(2),
+    "vehicle.plant.valve_brake": plant.valve_brake,
+    "vehicle.slip.takeover.turns": lambda: takeover.turns(2),
+    **{f"vehicle.slip.takeover.{make.__name__}({choice})":
+       lambda make=make, choice=choice: make(choice)
+       for make in (takeover.slip_from_speeds, takeover.wake, takeover.watch)
+       for choice in (False, True)},
+    "vehicle.wheels.known_radii": lambda: wheels.known_radii(2),
+    "vehicle.wheels.learnt_radii": lambda: wheels.learnt_radii(2),
+    **{f"vehicle.wheels.bounded_speed({driven})":
+       lambda driven=driven: wheels.bounded_speed(2, driven) for driven in (False, True)},
+    "wheel_rail.torsion.twisting_axle": lambda: torsion.twisting_axle(contact.polach),
 }  # fmt: skip
 """What functions that need arguments make."""
 
@@ -129,7 +153,9 @@ def said(value: object) -> str:
 def all_rows() -> list[list[str]]:
     blocks = {name: model(name) for name in MODELS}
     told = (row for name, block in blocks.items() if block for row in rows(name, block))
-    return [*keys(), *told, *modules()]
+    made = (row for name, make in EXAMPLES.items() if name not in MODELS
+            for row in rows(name, make()))  # fmt: skip
+    return [*keys(), *told, *modules(), *made]
 
 
 def test_defaults_and_ranges_are_those_of_the_table() -> None:

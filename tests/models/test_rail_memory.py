@@ -277,3 +277,18 @@ def test_slopes_of_the_field_are_those_of_its_equations():
                 ends.append(np.array(field.f(*moved)[1]).ravel())
             difference = (ends[0] - ends[1]) / (2 * step)
             assert slope[:, j] == pytest.approx(difference, rel=1e-5, abs=1e-7)
+
+
+@given(st.floats(0, 5e4), st.floats(0, 2e3), st.sampled_from([1.0, 2.0]))
+def test_a_layer_recovers_by_energy_and_by_time_together(energy, time, n):
+    """1 - exp(-(tau W)^n - t/T_dry) inside of the place, 1 outside, by the text of the module."""
+    layer = Layer(drying=True)
+    field = rail_field(Cells((0.0,), 0.5, 10.0), 1e-2, layer).with_params(
+        tau=3.4e-5, n=n, T_dry=600.0, start=[5.0], end=[8.0]
+    )
+    x = field.start() | {"W": np.full(field.states["W"].shape, energy), "t": time}
+    for at, inside in ((4.9, False), (6.0, True), (8.1, False)):
+        u = {"at": np.array([at]), "way": 0.0, "P": np.zeros(1)}
+        share = float(np.ravel(field.f(*packed(field, x, u, field.param_values()))[1])[0])
+        wanted = -expm1(-((3.4e-5 * energy) ** n) - time / 600.0) if inside else 1.0
+        assert share == pytest.approx(wanted, rel=1e-9, abs=1e-12)

@@ -167,9 +167,9 @@ def asked(site: Site, tests: dict[str, Any], longest: float) -> list[str]:
     else:
         chosen = sorted((t for t in tests if near[t] < 2),
                         key=lambda t: (near[t], tests[t]["seconds"]))  # fmt: skip
-    spent, inside_time = 0.0, []
-    declared = [t for t in tests if "/test_declared_" in t]
-    for test in dict.fromkeys([*declared, *chosen]):
+    declared = [t for t in tests if "/test_declared_" in t or "/test_defaults" in t]
+    spent, inside_time = 0.0, list(declared)
+    for test in (t for t in chosen if t not in declared):
         spent += tests[test]["seconds"]
         if spent > longest and inside_time:
             break

@@ -240,3 +240,39 @@ def test_a_limit_either_way_is_told_by_axle_and_share(share, lines, sign):
     found = told(connect("loop", {"plant.T": "ctl.T_cmd"}, plant=brakes, ctl=handed), 1.0)
     axle = f"of axle 2 is at its limit, 100 N m, for {100 * share:.0f} % of the run"
     assert [line.partition(" ")[2] for line in found][:1] == [axle][:lines]
+
+
+def test_every_limit_that_is_logged_is_told_whatever_is_not():
+    """Two drivers at their limits; of the first one nothing is logged, of either one each."""
+    from slipctl.run.warnings import doubts
+
+    ctl = driver.with_params(T_wanted=200.0)
+    loop = connect("loop", {"one.T_b": "a.T_cmd", "two.T_b": "b.T_cmd"}, a=ctl, b=ctl,
+                   one=sampled(cart, H, "rk4"), two=sampled(cart, H, "rk4"))  # fmt: skip
+    full, time = np.full(10, 100.0), np.arange(10) * H
+    for given in (("a",), ("b",), ("a", "b")):
+        log = {"time": time} | {f"{n}.T_cmd": full for n in given}
+        assert [line.split()[0] for line in doubts._limited(loop, log)] == [
+            f"{n}.T_cmd" for n in given
+        ]
+
+
+@pytest.mark.parametrize(
+    ("unit", "said"),
+    [
+        ("1", "0 .. 2, at 0.03 s, and is 5 at most"),
+        ("m/s", "0 .. 2 m/s, at 0.03 s, and is 5 m/s at most"),
+    ],
+)
+def test_a_state_off_its_range_is_told_with_place_size_and_unit(unit, said):
+    from slipctl.run.warnings import doubts
+
+    @step(period=H)
+    def counter(n=State(unit, 1.0, "count", lo=0.0, hi=2.0)):
+        """Counts."""
+        return dict(n=n), {}
+
+    log = {"time": np.arange(6) * H, "n": np.array([1.0, 2.0, 2.0, 3.0, 5.0, 1.0])}
+    (line,) = doubts._off_range(counter, log)
+    assert line.startswith(f"n leaves its range, {said}")
+    assert not list(doubts._off_range(counter, {**log, "n": np.clip(log["n"], 0, 2)}))

@@ -57,6 +57,39 @@ def test_a_file_that_is_edited_is_read_again(tmp_path, monkeypatch):
         assert float(loop.param_values()["m"]) == mass * 1e3
 
 
+OWN = """
+[adh]
+mu = "0.3*tanh(v_s/w)"
+inputs = { v_s = "m/s" }
+parameters = { w = "0.5 m/s" }
+[pull]
+T_wanted = "K*v_s*J/r"
+inputs = { v_s = "m/s" }
+parameters = { K = "3 1/s", J = "110 kg m^2", r = "0.42 m" }
+"""
+
+
+def test_files_that_a_file_names_lie_beside_it(tmp_path, monkeypatch):
+    """Wherever slipctl runs; where it is not there, in the folder in which slipctl runs."""
+    text = METRO[: METRO.index("[ensemble]")].replace('"exponential_tail"', '"own.toml:adh"')
+    text = re.sub(r"(?m)^leaves = .*$", "leaves = {}\ndry = {}", text)
+    text += '[controllers.own]\nkind = "file"\nblock = "own.toml:pull"\n'
+    for folder in ("car", "away"):
+        (tmp_path / folder).mkdir()
+    monkeypatch.chdir(tmp_path / "away")
+    path = tmp_path / "car" / "car.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(BadInput, match=r"cannot read .*car/own.toml"):
+        resolve.load_study(str(path))
+    (tmp_path / "car" / "own.toml").write_text(OWN, encoding="utf-8")
+    resolve.find_loop(resolve.load_study(str(path)), "own")
+    trip = trip_files.load_trip(str(path))
+    assert trip.controllers["own"].block == f"{tmp_path / 'car' / 'own.toml'}:pull"
+    (tmp_path / "car" / "own.toml").rename(tmp_path / "away" / "own.toml")
+    path.write_text(text + "\n", encoding="utf-8")
+    assert trip_files.load_trip(str(path)).controllers["own"].block == "own.toml:pull"
+
+
 def test_a_file_declares_its_ensemble(tmp_path):
     table = '[ensemble]\nseeds = true\ndraw = { m = "36t:42t" }\n'
     path = tmp_path / "my.toml"

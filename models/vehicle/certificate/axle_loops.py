@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from slipctl import Block, Gains
+from slipctl import BadInput, Block, Gains
 from slipctl.analysis.bounds import enclosure
 from slipctl.certify.axle_loop import axle_system
 from slipctl.certify.mode_cells import ModeLoop
@@ -64,8 +64,7 @@ def gains(trip: Trip) -> tuple[Gains, ...]:
     found: list[Gains] = []
     for name, part in trip.controllers.items():
         if isinstance(part, SlipLaw | OwnLaw) and is_asked(trip, part):
-            kind = _AskedModes if has_modes(trip, part) else _Asked
-            some = [kind(trip, part, rail) for rail in _rails(trip, part)]
+            some, _ = _on_rails(trip, part)
             for one in some:
                 own = name if len(some) == 1 else f"{name}_{one.rail}"
                 found.append(Gains(own, name, one.asked_as, one.numbers, one.words(), "",
@@ -79,14 +78,27 @@ def reasons_without_certificate(trip: Trip, otherwise: Mapping[str, str]) -> dic
     for name, part in trip.controllers.items():
         if isinstance(part, SlipLaw | OwnLaw) and is_asked(trip, part):
             found.pop(name, None)
-            if not _rails(trip, part):
-                found[name] = NO_RAIL
+            some, why = _on_rails(trip, part)
+            if not some:
+                found[name] = why
     return found
 
 
-def _rails(trip: Trip, part: SlipLaw | OwnLaw) -> list[str]:
-    """Conditions of the rail on which slip control rules at its goal."""
-    return [c for c in rail_law(trip).conditions if _Asked(trip, part, c).rules()]
+def _on_rails(trip: Trip, part: SlipLaw | OwnLaw) -> tuple[list[_Asked], str]:
+    """A controller on each rail on which slip control rules at its goal; else why on none.
+
+    What an ensemble draws may leave the range of a law. That is the draw's, which is refused when
+    it is run; no run is refused for a certificate that nobody asked for.
+    """
+    kind = _AskedModes if has_modes(trip, part) else _Asked
+    try:
+        some = [one for rail in rail_law(trip).conditions
+                if (one := kind(trip, part, rail)).rules()]  # fmt: skip
+    except BadInput as error:
+        if trip.ensemble is None:
+            raise
+        return [], f"[ensemble] draws what the rail's law does not know: {error}"
+    return some, NO_RAIL
 
 
 class _Asked:

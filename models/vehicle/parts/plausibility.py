@@ -56,6 +56,7 @@ def unusual_numbers(trip: Trip) -> Iterator[str]:
     if vehicle.mode == "brake" and vehicle.speed == 0:
         yield "vehicle.speed: it stands at the start, and is braked"
     yield from _heights(trip)
+    yield from _lifted(trip)
     yield from _measured(trip)
 
 
@@ -69,6 +70,22 @@ def _heights(trip: Trip) -> Iterator[str]:
             yield f"{where}: adhesion is {height:.3g} at most; of ice and leaves it is 0.02 or more"
         elif height > HEIGHTS[1]:
             yield f"{where}: adhesion is up to {height:.3g}; of dry rail it is at most 0.6"
+
+
+def _lifted(trip: Trip) -> Iterator[str]:
+    """Axles that carry nothing while the vehicle does what is demanded of it."""
+    vehicle, part = trip.vehicle, trip.demand
+    given = [getattr(part, k, None) for k in ("deceleration", "acceleration", "force")]
+    largest = [0.0 if x is None else float(max(x) if isinstance(x, tuple) else x) for x in given]
+    level = max(largest[0], largest[1], largest[2] / vehicle.total)
+    way = 1 if vehicle.mode == "brake" else -1
+    for k, (mass, gains) in enumerate(zip(vehicle.carried, vehicle.moved, strict=True)):
+        if mass * vehicle.gravity + way * gains * level <= 0:
+            yield (
+                f"vehicle.cars: at {level:.3g} m/s^2 axle {k + 1} carries nothing; it stays on the"
+                " rail here, and the others carry more than the vehicle weighs"
+            )
+            return
 
 
 def _measured(trip: Trip) -> Iterator[str]:

@@ -51,7 +51,7 @@ def _trip(path: str, text: str) -> Any:
     """Trip of a text, which stands in that file."""
     from slipctl.study.files import declared_parts
 
-    content = tomllib.loads(text)
+    content = files_beside(tomllib.loads(text), Path(path).parent)
     trip, faults = declared_parts.read(vehicle_files().root(content), content)
     if trip is not None:
         faults = vehicle_files().faults(trip)
@@ -59,6 +59,29 @@ def _trip(path: str, text: str) -> Any:
         lines = [_line(path, text, keys, why) for keys, why in faults]
         raise Faults(sorted(lines, key=_number))
     return trip
+
+
+NAMED = re.compile(r"([^\s:=]+\.(?:toml|py))(:.*)?")
+"""A file that a vehicle's file names, with the block of it."""
+NAMING = ("law", "block", "study")
+"""Keys that may name one."""
+
+
+def files_beside(content: Any, folder: Path) -> Any:
+    """Content whose files, ``law = "own.toml:law"``, are those in that folder, that of its file.
+
+    One that is not there and is where slipctl runs is left as it is written.
+    """
+    if isinstance(content, list):
+        return [files_beside(v, folder) for v in content]
+    if not isinstance(content, dict):
+        return content
+    made = {k: files_beside(v, folder) for k, v in content.items()}
+    for key in made.keys() & set(NAMING):
+        found = NAMED.fullmatch(made[key]) if isinstance(made[key], str) else None
+        if found and ((folder / found[1]).is_file() or not Path(found[1]).is_file()):
+            made[key] = f"{folder / found[1]}{found[2] or ''}"
+    return made
 
 
 def vehicle_files() -> Any:

@@ -1,0 +1,101 @@
+"""Rows of ``slipctl compare``: what differs, metric by metric, as its numbers say by definition."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slipctl.commands import compare
+from slipctl.commands.compare import Side
+
+values = st.lists(st.floats(-1e3, 1e3) | st.just(math.inf), min_size=1, max_size=9)
+
+
+def numbers(**given):
+    """Parameters as a run tells them."""
+    return {n: {"value": v, "unit": "kg"} for n, v in given.items()}
+
+
+def test_every_loop_that_two_sides_have_is_compared_whatever_one_has_alone():
+    """In any order of the loops: one that stands alone ends nothing."""
+    same, other = numbers(m=1.0), numbers(m=2.0)
+    for order in (("alone", "both"), ("both", "alone")):
+        one = {"alone": same, "both": same}
+        sides = [Side("a", parameters={n: one[n] for n in order}),
+                 Side("b", parameters={"both": other})]  # fmt: skip
+        assert compare.changes(sides) == [{"what": "both: m", "unit": "kg", "values": ["1", "2"]}]
+
+
+def test_what_a_side_does_not_say_is_a_dash_and_what_is_alike_is_no_row():
+    sides = [Side("a", {"seed": "1", "study": "s"}), Side("b", {"study": "s"})]
+    assert compare.changes(sides) == [{"what": "seed", "unit": "", "values": ["1", "-"]}]
+    sides = [Side("a", parameters={"x": numbers(m=1.0, J=3.0)}),
+             Side("b", parameters={"x": numbers(m=1.0)})]  # fmt: skip
+    assert compare.changes(sides) == [{"what": "x: J", "unit": "kg", "values": ["3", "-"]}]
+
+
+@pytest.mark.parametrize(
+    ("value", "labels", "names"),
+    [
+        ([1.0, 2.0, 3.0], ("dry", "wet", "ice"), ["m, dry", "m, wet", "m, ice"]),
+        ([1.0, 2.0, 3.0], ("dry", "wet"), ["m, 1", "m, 2", "m, 3"]),
+        ([1.0, 2.0], (), ["m, 1", "m, 2"]),
+        ([1.0], ("dry",), ["m"]),
+        (1.0, (), ["m"]),
+    ],
+)
+def test_rows_of_a_metric_have_the_names_of_their_sections_or_their_numbers(value, labels, names):
+    side, rows = Side("a"), {}
+    compare._put(side, rows, "m", value, "s", labels)
+    assert list(rows) == names
+    assert side.units == dict.fromkeys(names, "s")
+    assert [float(v[0]) for v in rows.values()] == (value if isinstance(value, list) else [value])
+
+
+@given(values, values)
+def test_a_row_has_medians_spread_and_the_difference_of_medians(a, b):
+    """Of sides on other draws; a value that never came is infinite and counts."""
+    sides = [Side(n, metrics={"s/x": {"m": np.array(v)}}, units={"m": "s"})
+             for n, v in (("a", a), ("b", b))]  # fmt: skip
+    row = compare._row(sides, ["s/x", "s/x"], "m")
+    assert row["unit"] == "s"
+    assert row["never"] == [sum(map(math.isinf, v)) for v in (a, b)]
+    for k, v in enumerate((a, b)):
+        assert row["values"][k] == compare.quantiles(np.array(v), (0.5,))[0]
+        assert (row["spread"][k] is None) == (len(v) == 1)
+    first, second = row["values"]
+    if math.isinf(first) and math.isinf(second):
+        assert row["difference"] == [None]
+        assert row["beyond_spread"] == [False]
+    else:
+        assert row["difference"] == [second - first]
+    assert row["paired"] == [None]
+
+
+@given(st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), min_size=1, max_size=8))
+def test_runs_on_the_same_draws_are_compared_run_by_run(pairs):
+    """However the other side has ordered them, and beside draws that it has alone."""
+    a, b = (np.array(v) for v in zip(*pairs, strict=True))
+    draws = [f"draw {k}" for k in range(len(pairs))]
+    one = Side("a", draws=draws)
+    other = Side("b", draws=[*reversed(draws), "alone"])
+    each = compare._paired(one, a, other, np.r_[b[::-1], 99.0])
+    assert sorted(each) == sorted(b - a)
+    assert compare._paired(Side("a"), a, other, b) is None
+
+
+@pytest.mark.parametrize(
+    ("spreads", "medians", "beyond"),
+    [
+        (([0.0, 1.0], [2.0, 3.0]), (0.5, 2.5), True),
+        (([2.0, 3.0], [0.0, 1.0]), (2.5, 0.5), True),
+        (([0.0, 2.0], [1.0, 3.0]), (1.0, 2.0), False),
+        (([0.0, 2.0], [2.0, 3.0]), (1.0, 2.5), False),
+        ((None, [2.0, 3.0]), (1.0, 2.5), True),
+        ((None, None), (1.0, 1.0), False),
+    ],
+)
+def test_spreads_are_apart_where_they_do_not_touch(spreads, medians, beyond):
+    assert compare._apart(*spreads, *medians) is beyond
