@@ -36,7 +36,7 @@ step, of which a rail that remembers makes its next state.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -52,6 +52,9 @@ from slipctl.models.wheel_rail.axle_forces import (
     standing_forces,
 )
 from slipctl.models.wheel_rail.contact import check_patch
+
+TRACTION = {"positive": "traction"}
+SOURCE = "Wang 2025, Table 1"
 
 LEFT = 1.0
 """Residual in N above which contact force and law disagree."""
@@ -163,8 +166,18 @@ def rolling(
     )  # fmt: skip
 
 
-TRACTION = {"positive": "traction"}
-SOURCE = "Wang 2025, Table 1"
+class _Contact(NamedTuple):
+    """Contacts of all axles over a step; ``stop`` is what the brake takes of a wheel that turns."""
+
+    F: Any
+    N: Any
+    v_s: Any
+    locked: Any
+    stands: Any
+    residual: Any
+    stop: Any
+    per_speed: Any
+    """J/h + B_t of each axle."""
 
 
 @dataclass(frozen=True)
@@ -295,14 +308,13 @@ class _Train:
 
         def step(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
             T = _scattered(u["T"], self.axles.motors, n) if self.axles.motors else 0
-            forces = self.forces(x, u, p, T, settle, peaks)
-            return self.motion(x, u, p, T, forces)
+            return self.motion(x, u, p, T, self.contact(x, u, p, T, settle, peaks))
 
         return step
 
-    def forces(
+    def contact(
         self, x: Exprs, u: Exprs, p: Exprs, T: Any, settle: ca.Function, peaks: ca.Function | None
-    ) -> Exprs:
+    ) -> _Contact:
         """Contact forces over the step, and which wheels are locked or stand."""
         v, omega, r, m, count, h = x["v"], x["omega"], p["r"], p["m"], p["count"], self.h
         side, push = ca.sign(v), (p["J"] / h * omega + T) / r
@@ -328,13 +340,14 @@ class _Train:
             stands, F_stand = standing_forces(push, hold, height * N, u["F_d"] - m * v / h, count)
             F, locked = ca.if_else(stands, F_stand, F), ca.if_else(stands, 1, locked)
             residual = ca.if_else(stands, 0, residual)
-        return dict(F=F, N=N, v_s=v_s, locked=locked, stands=stands, residual=residual, stop=stop,
-                    a=a)  # fmt: skip
+        return _Contact(F, N, v_s, locked, stands, residual, stop, a)
 
-    def motion(self, x: Exprs, u: Exprs, p: Exprs, T: Any, forces: Exprs) -> tuple[Exprs, Exprs]:
+    def motion(
+        self, x: Exprs, u: Exprs, p: Exprs, T: Any, contact: _Contact
+    ) -> tuple[Exprs, Exprs]:
         """Next states under these contact forces, and the outputs."""
         v, omega, r, m, count, h = x["v"], x["omega"], p["r"], p["m"], p["count"], self.h
-        F, N, v_s, locked, stands, residual, stop, a = forces.values()
+        F, N, v_s, locked, stands, residual, stop, a = contact
         omega_next = ca.if_else(locked, 0, (p["J"] / h * omega + T - stop - r * F) / a)
         F_all = ca.dot(count, F)
         acceleration = (F_all - u["F_d"]) / m

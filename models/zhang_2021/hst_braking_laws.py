@@ -48,6 +48,14 @@ def slip_torque(nu, v, F_a, lam, J, r, m, n, motion):
     return T + J * n * (1 - lam) * F_a / (m * r) if motion else T
 
 
+def funnel_pull(law, K1, eps, eta, zeta, delta_l, delta_u):
+    """Rate at which a law pulls the error back into its funnel: K1 eps/l, or without 1/l."""
+    width = (delta_l + delta_u) / 2
+    if law == "barrier":
+        return K1 * eta * width * eps
+    return K1 * eps * eta * (zeta + delta_l) * (delta_u - zeta) / width
+
+
 def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = True) -> Block:
     """Make the prescribed performance controller E-PPFC; (10)-(17), (34).
 
@@ -113,9 +121,8 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
         """
         e = lam - lam_ref
         awake = v >= v_off
-        if printed:
-            eta = eta_h
-        else:
+        eta = eta_h
+        if not printed:
             tripped = logic_or(e > trip * delta_u * eta_h, e < -trip * delta_l * eta_h)
             wider = fmax(eta_0, fmax(e / delta_u, -e / delta_l) / reserve)
             eta = if_else(tripped, wider, eta_h)
@@ -126,15 +133,10 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
         speed = fmax(v, v_min)
         if printed:
             ell = (1 / (zeta + delta_l) - 1 / (delta_u - zeta)) / (2 * eta)
-            f = r**2 / (J * speed) * ell * F_a - ell * deta / eta * e
-            g = r / (J * speed) * ell
+            f, g = r**2 / (J * speed) * ell * F_a - ell * deta / eta * e, r / (J * speed) * ell
             T_wanted = (K1 * eps + f - ell * rate) / g
         else:
-            width = (delta_l + delta_u) / 2
-            if law == "barrier":
-                pull = K1 * eta * width * eps
-            else:
-                pull = K1 * eps * eta * (zeta + delta_l) * (delta_u - zeta) / width
+            pull = funnel_pull(law, K1, eps, eta, zeta, delta_l, delta_u)
             nu = -pull + e * deta / eta + rate
             T_wanted = slip_torque(nu, speed, F_a, lam, J, r, m, n, motion)
         nxt = dict(
@@ -143,11 +145,8 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
         )
         shown = if_else(awake, eta_h, fmax(eta, fabs(e) / fmin(delta_l, delta_u)))
         upper, lower = delta_u * shown, -delta_l * shown
-        outputs = dict(
-            T_wanted=T_wanted, e=e, lower=lower, upper=upper,
-            share=fmax(e / upper, e / lower), restarts=nxt["count"],
-        )  # fmt: skip
-        return nxt, outputs
+        return nxt, dict(T_wanted=T_wanted, e=e, lower=lower, upper=upper,
+                         share=fmax(e / upper, e / lower), restarts=nxt["count"])  # fmt: skip
 
     return eppfc
 

@@ -284,21 +284,12 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
         name="meter", choices={"window": W, "torque": torque},
     )  # fmt: skip
     def meter(
-        omegas=State(
-            "rad/s",
-            "omega_start",
-            "wheel speeds, oldest first",
-            FASTEST,
-            shape=(W,),
-            lo=-1,
-            hi="120 / r",
-        ),
-        torques=State(
-            "N m", "T_b_start", "brake torques, oldest first", shape=(W,), lo=-40e3, hi=1e3
-        ),
-        slips=State(
-            "1", "lam_start", "slip ratios, oldest first", SLIP, shape=(W,), lo=-1.5, hi=1.5
-        ),
+        omegas=State("rad/s", "omega_start", "wheel speeds, oldest first", FASTEST, shape=(W,),
+                     lo=-1, hi="120 / r"),
+        torques=State("N m", "T_b_start", "brake torques, oldest first", shape=(W,), lo=-40e3,
+                      hi=1e3),
+        slips=State("1", "lam_start", "slip ratios, oldest first", SLIP, shape=(W,), lo=-1.5,
+                    hi=1.5),
         count=State("1", 1.0, "ticks in the window", lo=0, hi=W),
         before=State("1", 0.0, "whether the last tick told of a change", lo=0, hi=1),
         omega=Input("rad/s", "measured wheel speed"),
@@ -311,22 +302,14 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
         r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
         g=Param("m/s^2", G, "gravity", "not stated in the paper", lo=1, hi=30),
         omega_start=Param("rad/s", 50.0 / R, "wheel speed at the start", lo=-1e6, hi=1e6),
-        T_b_start=Param(
-            "N m", 0.0, "brake torque at the start", positive="traction", lo=-1e6, hi=1e6
-        ),
-        lam_start=Param(
-            "1", 0.0, "slip ratio at the start", positive="braking", per="ratio", lo=-1e6, hi=1e6
-        ),
+        T_b_start=Param("N m", 0.0, "brake torque at the start", positive="traction", lo=-1e6,
+                        hi=1e6),
+        lam_start=Param("1", 0.0, "slip ratio at the start", positive="braking", per="ratio",
+                        lo=-1e6, hi=1e6),
         T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
-        T_most=Param(
-            "N m",
-            3e4,
-            "torque on the wheel that cannot be",
-            "more than brake and rail",
-            lo=1,
-            hi=1e9,
-        ),
-    ):
+        T_most=Param("N m", 3e4, "torque on the wheel that cannot be", "more than brake and rail",
+                     lo=1, hi=1e9),
+    ):  # fmt: skip
         """Mean adhesion from the wheel's equation (1), paired with the mean slip of the window.
 
         mu = (mean T_b - I_w (omega - omega_n)/(n T)) / (r F_z). The increment makes it exact, and
