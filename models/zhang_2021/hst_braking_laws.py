@@ -135,10 +135,8 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
             pull = funnel_pull(law, K1, eps, eta, zeta, delta_l, delta_u)
             nu = -pull + e * deta / eta + rate
             T_wanted = slip_torque(nu, speed, F_a, lam, J, r, m, n, motion)
-        nxt = dict(
-            eta_h=eta_inf + (eta - eta_inf) * exp(-k * T),
-            count=count if printed else fmin(count + logic_and(tripped, awake), 1e6),
-        )
+        nxt = dict(eta_h=eta_inf + (eta - eta_inf) * exp(-k * T), count=count if printed
+                   else fmin(count + logic_and(tripped, awake), 1e6))  # fmt: skip
         shown = if_else(awake, eta_h, fmax(eta, fabs(e) / fmin(delta_l, delta_u)))
         upper, lower = delta_u * shown, -delta_l * shown
         return nxt, dict(T_wanted=T_wanted, e=e, lower=lower, upper=upper,
