@@ -74,7 +74,6 @@ def connect(
     free, signals = _signals_of_parts(blocks, wiring, shares)
     inner, outer_outputs = wiring.inner, wiring.outputs
     plan = _schedule(name, blocks, inner)
-    sx = all(block.sx for block in blocks.values())
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         results: dict[tuple[str, str], Any] = {
@@ -109,7 +108,8 @@ def connect(
     made_of = Composition(dict(blocks), rebuild, dict(wires), prefixed=True, sharing=sharing,
                           by_structure=True)  # fmt: skip
     return Block(
-        name, kind, body, signals, period=period, doc=f"Connection of {', '.join(blocks)}.", sx=sx,
+        name, kind, body, signals, period=period, doc=f"Connection of {', '.join(blocks)}.",
+        sx=all(block.sx for block in blocks.values()),
         conditions=_conditions(blocks, sharing), composition=made_of,
     )  # fmt: skip
 

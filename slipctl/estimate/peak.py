@@ -77,10 +77,8 @@ def probe(
     lowest, highest = within
     if not (math.isfinite(lowest) and math.isfinite(highest) and lowest < highest):
         raise BadInput(f"probe({law.name}): within = {within} must be (lowest, highest)")
-    if not (math.isfinite(period) and period > 0):
-        raise BadInput(f"probe({law.name}): period = {period:g} s must be positive")
-    n, s = len(unknown), law.inputs[over]
-    others = [k for k in law.inputs if k != over]
+    check_positive(f"probe({law.name}): period", period, "s")
+    s, others = law.inputs[over], [k for k in law.inputs if k != over]
     known = known_parameters(law, unknown)
     gradient = peak_gradient(law, over, measured, unknown)
 
@@ -102,17 +100,7 @@ def probe(
             State("1", 1.0, "1 until the peak is known").named("probing"),
             *[State("s", 0.0, "time since it was probed or looked at").named("waited")][:looks],
         ],
-        inputs=[
-            *(Input(law.params[k].unit, f"estimate: {law.params[k].doc}").named(k)
-              for k in unknown),
-            Input("1", "covariance of the unknowns, in their units", shape=(n, n)).named(
-                "covariance"
-            ),
-            Input("1", "1 when the rail has changed").named("changed"),
-            Input(s.unit, "peak of the estimated law", **convention).named("best"),
-            Input(s.unit, "highest reference now", value=highest, **convention).named("limit"),
-            *(law.inputs[k] for k in others),
-        ],
+        inputs=_probe_inputs(law, over, unknown, highest),
         params=[*_probe_numbers(s.unit, lowest, highest, looks), *known],
         outputs=[
             Output(s.unit, "reference", **convention).named("reference"),
@@ -148,6 +136,23 @@ def _probing(
     following = ca.fmin(elapsed + period, p["longest"])
     outputs = {"reference": reference, "deviation": deviation, "probing": probing}
     return {"elapsed": following, "probing": probing} | nxt, outputs
+
+
+def _probe_inputs(law: Block, over: str, unknown: Sequence[str], highest: float) -> list[Signal]:
+    """Inputs of a probe: the estimate, how sure it is, and its peak."""
+    n, s = len(unknown), law.inputs[over]
+    convention: Any = {"positive": s.positive, "per": s.per}
+    return [
+        *(Input(law.params[k].unit, f"estimate: {law.params[k].doc}").named(k)
+          for k in unknown),
+        Input("1", "covariance of the unknowns, in their units", shape=(n, n)).named(
+            "covariance"
+        ),
+        Input("1", "1 when the rail has changed").named("changed"),
+        Input(s.unit, "peak of the estimated law", **convention).named("best"),
+        Input(s.unit, "highest reference now", value=highest, **convention).named("limit"),
+        *(law.inputs[k] for k in law.inputs if k != over),
+    ]  # fmt: skip
 
 
 def _probe_numbers(unit: str, lowest: float, highest: float, looks: bool) -> list[Signal]:
