@@ -238,7 +238,7 @@ def list_of_kind(where: str, given: Any, kind: type) -> list[Any]:
     """
     matrix = hasattr(given, "sparsity")  # of CasADi, which are not iterable by design
     found = list(given) if isinstance(given, Iterable) and not matrix else [None]
-    if any(not isinstance(one, kind) for one in found):
+    if [one for one in found if not isinstance(one, kind)]:
         raise BadInput(f"{where}: give a list of {kind.__name__}, not {value_text(given)}")
     return found
 

@@ -15,7 +15,8 @@ import numpy as np
 
 from slipctl import Block, Input, Output, Param, Rail, Scenario, Section, connect, law, simulate
 from slipctl.models.wang_2025.hst_traction import DISTINCT, GROUPED, plant
-from slipctl.models.wheel_rail.axles import TOLERANCE, Axles
+from slipctl.models.wheel_rail.axle_forces import TOLERANCE
+from slipctl.models.wheel_rail.axles import Axles
 from slipctl.models.wheel_rail.contact import SURFACES, polach
 from slipctl.run import build
 

@@ -114,40 +114,15 @@ def barrier_law(form: str = "robust") -> Block:
         e=Output("m/s", "creep error", source="a wheel that spins free", lo=-120, hi=1000),
         name="barrier", choices={"form": form},
     )  # fmt: skip
-    V_S = Input(
-        "m/s",
-        "creep, rim minus train",
-        positive="traction",
-        per="speed",
-        source="a wheel that spins free",
-        lo=-120,
-        hi=1000,
-    )
-    V_REF = Input(
-        "m/s",
-        "wanted creep",
-        positive="traction",
-        per="speed",
-        source="twice the range that is searched",
-        lo=-20,
-        hi=20,
-    )
-    RATE = Input(
-        "m/s^2",
-        "rate of the wanted creep",
-        value=0.0,
-        source="a thousand times the largest of the seekers",
-        lo=-1000,
-        hi=1000,
-    )
-    D_HAT = Input(
-        "m/s^2",
-        "what the creep falls by, as known",
-        positive="traction",
-        source="adhesion of 2 on the least inertia",
-        lo=-1e6,
-        hi=1e6,
-    )
+    V_S = Input("m/s", "creep, rim minus train", positive="traction", per="speed",
+                source="a wheel that spins free", lo=-120, hi=1000)  # fmt: skip
+    V_REF = Input("m/s", "wanted creep", positive="traction", per="speed",
+                  source="twice the range that is searched", lo=-20, hi=20)  # fmt: skip
+    RATE = Input("m/s^2", "rate of the wanted creep", value=0.0,
+                 source="a thousand times the largest of the seekers", lo=-1000,
+                 hi=1000)  # fmt: skip
+    D_HAT = Input("m/s^2", "what the creep falls by, as known", positive="traction",
+                  source="adhesion of 2 on the least inertia", lo=-1e6, hi=1e6)  # fmt: skip
     K_A = Param("m/s", "k_s + v_sopt", "barrier below", lo=0, hi=50)
     K_S = Param("m/s", 0.02, "barrier above", SECTION_4, lo=1e-4, hi=1)
     V_OPT = Param("m/s", 1.2098601, "best creep, as known", "peak of Table 1", lo=0.01, hi=20)

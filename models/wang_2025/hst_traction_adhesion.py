@@ -125,29 +125,16 @@ def adhesion_observer(
     def observer(
         z1=OBSERVED,
         z2=FOUND,
-        T_last=State(
-            "N m",
-            "T_start",
-            "torque of the tick before",
-            positive="traction",
-            source="fifteen times a motor's",
-            lo=-1e5,
-            hi=1e5,
-        ),
+        T_last=State("N m", "T_start", "torque of the tick before", positive="traction",
+                     source="fifteen times a motor's", lo=-1e5, hi=1e5),
         omega=MEASURED,
         T=TORQUE,
         K_1=Param("1/s^1.5", K1_0, "gain of the root, 1.05 sqrt(2 K_2)", GUESS, lo=0, hi=1e4),
         K_2=Param("1/s^3", K2_0, "gain of the integral, 2.2 L", GUESS, lo=0, hi=1e8),
         K_3=Param("s", K3_0, "gain far from zero", GUESS, lo=0, hi=100),
-        J=INERTIA,
-        r=RADIUS,
-        B_t=DAMPING,
-        m_axle=LOAD,
-        g=GRAVITY,
-        T_o=PERIOD,
-        omega_start=STARTED,
+        J=INERTIA, r=RADIUS, B_t=DAMPING, m_axle=LOAD, g=GRAVITY, T_o=PERIOD, omega_start=STARTED,
         T_start=Param("N m", 0.0, "torque at the start", positive="traction", lo=-1e5, hi=1e5),
-    ):
+    ):  # fmt: skip
         """Robust adhesion observer; Wang 2025 eqs (16)-(22).
 
         Added here, implicit: e + T_o K_1 Phi1(e) + T_o^2 K_2 Phi2(e) contains the error e_0 of the
@@ -256,51 +243,23 @@ def classification(surfaces: int = 5) -> Block:
         name="classification", choices={"surfaces": surfaces},
     )  # fmt: skip
     def classify(
-        last=State(
-            "1",
-            0.0,
-            "typical surface before; the first one until the curves tell",
-            "their number",
-            lo=0,
-            hi=surfaces - 1,
-        ),
+        last=State("1", 0.0, "typical surface before; the first one until the curves tell",
+                   "their number", lo=0, hi=surfaces - 1),
         mu_hat=Input("1", "observed adhesion", positive="traction", source=FRICTION, lo=-2, hi=2),
-        v_s=Input(
-            "m/s",
-            "creep, rim minus train",
-            positive="traction",
-            per="speed",
-            source="a wheel that spins free",
-            lo=-130,
-            hi=500,
-        ),
-        mu=Input(
-            "1",
-            "adhesion of each surface at this creep",
-            positive="traction",
-            shape=n,
-            source=FRICTION,
-            lo=-2,
-            hi=2,
-        ),
-        mu_max=Input(
-            "1", "adhesion of the peak of each surface", shape=n, source=FRICTION, lo=0, hi=2
-        ),
-        v_best=Input(
-            "m/s",
-            "creep of the peak of each surface",
-            shape=n,
-            source="five times the range that is searched",
-            lo=0,
-            hi=50,
-        ),
+        v_s=Input("m/s", "creep, rim minus train", positive="traction", per="speed",
+                  source="a wheel that spins free", lo=-130, hi=500),
+        mu=Input("1", "adhesion of each surface at this creep", positive="traction", shape=n,
+                 source=FRICTION, lo=-2, hi=2),
+        mu_max=Input("1", "adhesion of the peak of each surface", shape=n, source=FRICTION, lo=0,
+                     hi=2),
+        v_best=Input("m/s", "creep of the peak of each surface", shape=n,
+                     source="five times the range that is searched", lo=0, hi=50),
         margin=Param("1", 0.9, "share of the peak of the poorest surface", GUESS, lo=0.1, hi=1),
         blind=Param("1", 0.01, "the class is kept while the curves lie closer", GUESS, lo=0, hi=1),
-        least=Param(
-            "m/s", 0.0, "the class is kept at less creep: error of its sensors", lo=0, hi=10
-        ),
+        least=Param("m/s", 0.0, "the class is kept at less creep: error of its sensors", lo=0,
+                    hi=10),
         cut=Param("1", 0.7, "share of the observed adhesion beyond the peak", GUESS, lo=0, hi=1),
-    ):
+    ):  # fmt: skip
         """Typical surface nearest to the observed adhesion, and the next poorer one's peak.
 
         Wang 2025 section 3.2, Fig. 4. Added here: the order is that of the peaks at the present

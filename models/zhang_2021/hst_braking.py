@@ -50,6 +50,13 @@ GUESS = "guess, not in the paper"
 
 M, N, I_W, R, G = 13800.0, 4.0, 60.35, 0.43, 9.81
 
+# what several blocks have, as they know it
+MASS = Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5)
+WHEELS = Param("1", N, "wheels", TABLE_2, lo=1, hi=64)
+INERTIA = Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000)
+RADIUS = Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1)
+PERIOD = Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1)
+
 RAILS = {
     "dry": {"a0": 0.3546, "a1": 23.129, "a2": 0.1246},
     "snow": {"a0": 0.1646, "a1": 26.731, "a2": 0.1646},
@@ -206,9 +213,9 @@ def wheel(
     mu=Input("1", "adhesion coefficient", positive="traction"),
     F_R=Input("N", "resistance to motion", value=0.0),
     m=Param("kg", M, "mass of the quarter train", TABLE_2, lo=1000, hi=1e5),
-    n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
-    J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
-    r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
+    n=WHEELS,
+    J=INERTIA,
+    r=RADIUS,
     g=Param("m/s^2", G, "gravity", "not stated in the paper", lo=1, hi=30),
     v_0=Param("m/s", 0.1, "the slip ratio is not formed below", "added", lo=1e-3, hi=100),
     omega_0=Param(
@@ -282,7 +289,7 @@ def ideal_plant(law_of_adhesion: Block = burckhardt) -> Block:
         lam_held=Input("1", "slip ratio held", positive="braking", per="ratio"),
         F_R=Input("N", "resistance to motion", value=0.0),
         m=Param("kg", M, "mass of the quarter train", TABLE_2, lo=1000, hi=1e5),
-        n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
+        n=WHEELS,
         g=Param("m/s^2", G, "gravity", "not stated in the paper", lo=1, hi=30),
         v_0=Param("m/s", 0.1, "speed below which the adhesion fades", "added", lo=1e-3, hi=100),
         slope=SLOPE,

@@ -13,7 +13,7 @@ the last term being the one that (8) neglects; it matters below 10 m/s. Each law
 wants; ``arbitration`` gives the torque that is applied.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from casadi import fabs, fmax, fmin, if_else
 
@@ -39,8 +39,12 @@ from slipctl.models.shared_names import SHARED
 from slipctl.models.zhang_2021.hst_braking import (
     GUESS,
     I_W,
+    INERTIA,
+    MASS,
+    RADIUS,
     SOURCE,
     TABLE_2,
+    WHEELS,
     M,
     N,
     R,
@@ -100,10 +104,10 @@ def arbitration(
         hi=20,
         source="twice gravity",
     ),
-    m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
-    n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
-    J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
-    r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
+    m=MASS,
+    n=WHEELS,
+    J=INERTIA,
+    r=RADIUS,
     T_max=Param("N m", 20e3, "largest torque", GUESS, lo=1, hi=1e8),
     v_off=Param("m/s", 1.0, "slip control is off below", GUESS, lo=0, hi=1000),
     part=Param("1", 0.7, "share of the carried torque that is used below v_off", GUESS, lo=0, hi=1),
@@ -183,75 +187,22 @@ def controller(
         parts["fusion"] = speed_fusion
         wires |= {"fusion.omega": "omega", "fusion.a_m": "a_m", "fusion.F_a": "filter.F_a"}
         v, lam = "fusion.v", "fusion.lam"
-    if reference == "true":
-        best = "lam_opt"
-    elif reference == "fixed":
-        parts["fixed"] = fixed_reference
-        best = "fixed.best"
-    elif reference == "gradient":
-        parts |= {"slope": slope or slope_identification(), "search": search or gradient_search()}
-        wires |= {
-            "slope.F_a": "filter.F_a",
-            "slope.lam": lam,
-            "search.chi": "slope.chi",
-            "search.fresh": "slope.fresh",
-            "search.lam": lam,
-        }
-        best = "search.best"
+    if reference in FIT:
+        sought = fitted_peak(reference, lam, adhesion, torque, every_ticks)
     else:
-        curve = family() if reference == "fitted" else adhesion
-        start = START if reference == "free" and set(START) <= set(curve.params) else None
-        unknown = unknown_parameters(curve, None)
-        window, settings = FIT[reference]
-        estimator = fit_ranged(rls(
-            mean_adhesion_law(curve), "mu", form="window", start=start, period=every_ticks * 1e-3,
-            **settings,
-        ), curve, slip=5.0, most=2.0, far=max(12.0, settings["farthest"] + 3))  # fmt: skip
-        peak = argmax_block(grip(curve), "lam", lo=0.005, hi=0.4, closed_form=reference == "fitted")
-        parts |= {
-            "meter": adhesion_meter(window, torque),
-            "estimator": every(estimator, every_ticks),
-            "search": every(peak_ranged(peak, 1.0), every_ticks),
-        }
-        wires |= {
-            "meter.omega": "omega",
-            "meter.T_b": "T_b",
-            "meter.lam": lam,
-            "meter.changed": "estimator.changed",
-            "estimator.mu": "meter.mu_m",
-            "estimator.lam": "meter.lam_m",
-            "estimator.lam_var": "meter.var_m",
-        }
-        wires |= {f"search.{n}": f"estimator.{n}" for n in unknown}
-        best = "search.best"
-        if reference == "free":
-            sure = probe(curve, "lam", within=(0.005, 0.4), period=every_ticks * 1e-3, depth=0.0)
-            parts |= {"certainty": every(probe_ranged(sure, 1.0), every_ticks), "caution": caution}
-            wires |= {f"certainty.{n}": f"estimator.{n}" for n in unknown}
-            wires |= {
-                "certainty.covariance": "estimator.covariance",
-                "certainty.changed": "estimator.changed",
-                "certainty.best": "search.best",
-                "caution.best": "search.best",
-                "caution.lam": lam,
-                "caution.unsure": "certainty.probing",
-                "caution.changed": "estimator.changed",
-                "caution.recalled": "estimator.recalled",
-            }
-            best = "caution.best_safe"
-    parts |= {"reference": shape or shaper, "law": slip_law, "arbitration": arbitration}
-    wires["reference.best"] = best
+        sought = given_peak(reference, lam, slope, search)
+    parts |= sought.parts | {
+        "reference": shape or shaper, "law": slip_law, "arbitration": arbitration}  # fmt: skip
     ports = {"v": v, "lam": lam, "F_a": "filter.F_a", "lam_ref": "reference.lam_ref",
              "rate": "reference.rate"}  # fmt: skip
+    wires |= sought.wires | {"reference.best": sought.best}
     wires |= {f"law.{n}": ports[n] for n in slip_law.inputs}
     wires |= {f"reference.{n}": ports[n] for n in parts["reference"].inputs if n != "best"}
     wires |= {
-        "arbitration.T_wanted": "law.T_wanted",
-        "arbitration.v": v,
-        "arbitration.F_a": "filter.F_a",
-        "arbitration.a_demand": "a_demand",
+        "arbitration.T_wanted": "law.T_wanted", "arbitration.v": v,
+        "arbitration.F_a": "filter.F_a", "arbitration.a_demand": "a_demand",
         "T_out": "arbitration.T_b",
-    }
+    }  # fmt: skip
     follows: dict[str, Any] = {"v_start": "fusion.v_h"} if speed == "estimated" else {}
     follows |= PRIOR if reference == "fitted" else {}
     if "slope" in parts and "held_F_a" in parts["filter"].states:
@@ -259,6 +210,77 @@ def controller(
     block = connect(name, wires, share=SHARED | CONTROLLER | follows, **parts)
     if speed == "estimated":  # an error of 0.1 m/s is a slip ratio of 0.1 at 1 m/s
         block = block.with_params(**{"*.v_off": 3.0})
+    return with_ranges_of_inputs(block)
+
+
+class Sought(NamedTuple):
+    """What looks for the best slip: its parts, their wires, and the output that is it."""
+
+    parts: dict[str, Block]
+    wires: dict[str, str]
+    best: str
+
+
+def given_peak(reference: str, lam: str, slope: Block | None, search: Block | None) -> Sought:
+    """Best slip that is told, fixed, or sought along the slope of the adhesion.
+
+    Args:
+        reference, slope, search: as of :func:`controller`.
+        lam: where the slip ratio comes from.
+    """
+    if reference == "true":
+        return Sought({}, {}, "lam_opt")
+    if reference == "fixed":
+        return Sought({"fixed": fixed_reference}, {}, "fixed.best")
+    parts = {"slope": slope or slope_identification(), "search": search or gradient_search()}
+    wires = {
+        "slope.F_a": "filter.F_a", "slope.lam": lam, "search.chi": "slope.chi",
+        "search.fresh": "slope.fresh", "search.lam": lam,
+    }  # fmt: skip
+    return Sought(parts, wires, "search.best")
+
+
+def fitted_peak(reference: str, lam: str, adhesion: Block, torque: str, every_ticks: int) -> Sought:
+    """Best slip of a curve that is fitted to the meter's adhesion.
+
+    Args:
+        reference, adhesion, torque, every_ticks: as of :func:`controller`.
+        lam: where the slip ratio comes from.
+    """
+    curve = family() if reference == "fitted" else adhesion
+    start = START if reference == "free" and set(START) <= set(curve.params) else None
+    unknown = unknown_parameters(curve, None)
+    window, settings = FIT[reference]
+    estimator = fit_ranged(rls(
+        mean_adhesion_law(curve), "mu", form="window", start=start, period=every_ticks * 1e-3,
+        **settings,
+    ), curve, slip=5.0, most=2.0, far=max(12.0, settings["farthest"] + 3))  # fmt: skip
+    peak = argmax_block(grip(curve), "lam", lo=0.005, hi=0.4, closed_form=reference == "fitted")
+    parts = {
+        "meter": adhesion_meter(window, torque), "estimator": every(estimator, every_ticks),
+        "search": every(peak_ranged(peak, 1.0), every_ticks),
+    }  # fmt: skip
+    wires = {
+        "meter.omega": "omega", "meter.T_b": "T_b", "meter.lam": lam,
+        "meter.changed": "estimator.changed", "estimator.mu": "meter.mu_m",
+        "estimator.lam": "meter.lam_m", "estimator.lam_var": "meter.var_m",
+    } | {f"search.{n}": f"estimator.{n}" for n in unknown}  # fmt: skip
+    if reference == "fitted":
+        return Sought(parts, wires, "search.best")
+    sure = probe(curve, "lam", within=(0.005, 0.4), period=every_ticks * 1e-3, depth=0.0)
+    parts |= {"certainty": every(probe_ranged(sure, 1.0), every_ticks), "caution": caution}
+    wires |= {f"certainty.{n}": f"estimator.{n}" for n in unknown}
+    wires |= {
+        "certainty.covariance": "estimator.covariance", "certainty.changed": "estimator.changed",
+        "certainty.best": "search.best", "caution.best": "search.best", "caution.lam": lam,
+        "caution.unsure": "certainty.probing", "caution.changed": "estimator.changed",
+        "caution.recalled": "estimator.recalled",
+    }  # fmt: skip
+    return Sought(parts, wires, "caution.best_safe")
+
+
+def with_ranges_of_inputs(block: Block) -> Block:
+    """The controller with the ranges of what it measures, and how fast they may change."""
     most = "a quarter more than the largest; a brake does not drive"
     brake = Input("N m", source=most, lo="-1.25 * T_max", hi=1e3)
     given: dict[str, Any] = {"T_b": brake}

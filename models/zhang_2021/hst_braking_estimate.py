@@ -28,7 +28,7 @@ from slipctl import (
 from slipctl.errors import refuse_unknown_choice
 from slipctl.estimate.kalman.filters import ctukf
 from slipctl.models.shared_names import SLOPE
-from slipctl.models.zhang_2021.hst_braking import GUESS, I_W, SOURCE, TABLE_2, G, R
+from slipctl.models.zhang_2021.hst_braking import GUESS, INERTIA, PERIOD, RADIUS, G
 
 FORCE = "three times the load on a wheel of 13.8 t"
 FASTEST = "430 km/h"
@@ -51,8 +51,8 @@ def wheel_model(
     omega=State("rad/s", 0.0, "wheel speed"),
     T_b=Input("N m", "brake torque", positive="traction", value=0.0),
     F_a=Input("N", "adhesion force", positive="traction", value=0.0),
-    J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
-    r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
+    J=INERTIA,
+    r=RADIUS,
 ):
     """Braked wheel as the filter knows it; Zhang 2021 eq (1), h of (19)."""
     return dict(omega=(T_b - r * F_a) / J), {}
@@ -128,69 +128,33 @@ def wheel_speed_sensor(
     variance_lam=Output("1", "variance of the slip ratio", "(10 m/s over v_0)^2", lo=0, hi=1e4),
 )
 def speed_fusion(
-    v_h=State(
-        "m/s",
-        50.0,
-        "speed, predicted from the last tick",
-        FASTEST,
-        lo=-1,
-        hi=120,
-        deviation="sqrt(P_vv)",
-        truth="v",
-    ),
-    b_h=State(
-        "m/s^2",
-        0.0,
-        "bias of the accelerometer",
-        "a fifth of gravity",
-        lo=-2,
-        hi=2,
-        deviation="sqrt(P_bb)",
-        truth="bias + g * slope",
-    ),
+    v_h=State("m/s", 50.0, "speed, predicted from the last tick", FASTEST, lo=-1, hi=120,
+              deviation="sqrt(P_vv)", truth="v"),
+    b_h=State("m/s^2", 0.0, "bias of the accelerometer", "a fifth of gravity", lo=-2, hi=2,
+              deviation="sqrt(P_bb)", truth="bias + g * slope"),
     P_vv=State("m^2/s^2", 1e-4, "variance of the speed", "(10 m/s)^2", lo=0, hi=100),
     P_vb=State("m^2/s^3", 0.0, "covariance of speed and bias", "of both ends", lo=-20, hi=20),
     P_bb=State("m^2/s^4", 4e-4, "variance of the bias", "(2 m/s^2)^2", lo=0, hi=4),
-    rolled=State(
-        "1", "calm", "ticks that the wheel has rolled", "as many as are asked for", lo=0, hi=1000
-    ),
+    rolled=State("1", "calm", "ticks that the wheel has rolled", "as many as are asked for", lo=0,
+                 hi=1000),
     omega=Input("rad/s", "measured wheel speed"),
-    a_m=Input(
-        "m/s^2",
-        "measured acceleration",
-        "three times the friction of dry rail; a jump of the rail",
-        positive="traction",
-        lo=-15,
-        hi=15,
-        change=5,
-    ),
+    a_m=Input("m/s^2", "measured acceleration",
+              "three times the friction of dry rail; a jump of the rail", positive="traction",
+              lo=-15, hi=15, change=5),
     F_a=Input("N", "estimated adhesion force", positive="traction"),
-    r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
+    r=RADIUS,
     sigma_a=Param("m/s^2", 0.05, "noise of the accelerometer per sample", GUESS, lo=0, hi=100),
     sigma_b=Param("m/s^2.5", 1e-3, "drift of its bias, per root second", GUESS, lo=0, hi=1),
     sigma_w=Param("rad/s", 1e-3, "noise of the wheel speed per sample", lo=1e-9, hi=1),
     sigma_c=Param("m/s", 0.02, "creep of a rolling wheel", GUESS, lo=0, hi=100),
     F_roll=Param("N", 300.0, "adhesion force up to which a wheel rolls", GUESS, lo=0, hi=1e6),
-    far=Param(
-        "m/s",
-        1.0,
-        "rim and estimate are no further apart while a wheel rolls",
-        "added; twice the largest of the runs",
-        lo=0,
-        hi=100,
-    ),
-    calm=Param(
-        "1",
-        20.0,
-        "ticks of a small force after which the wheel rolls; four time constants"
-        " of the adhesion filter",
-        "added",
-        lo=0,
-        hi=1000,
-    ),
+    far=Param("m/s", 1.0, "rim and estimate are no further apart while a wheel rolls",
+              "added; twice the largest of the runs", lo=0, hi=100),
+    calm=Param("1", 20.0, "ticks of a small force after which the wheel rolls; four time constants"
+               " of the adhesion filter", "added", lo=0, hi=1000),
     v_0=Param("m/s", 0.1, "the slip ratio is not formed below", "added", lo=1e-3, hi=100),
-    T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
-):
+    T=PERIOD,
+):  # fmt: skip
     """Train speed and slip ratio from accelerometer and wheel speed, with their variances.
 
     The paper presumes such a fusion (its reference 36) and does not give it. Kalman filter of speed

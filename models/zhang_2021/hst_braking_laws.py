@@ -17,13 +17,13 @@ from slipctl import (
 from slipctl.errors import refuse_unknown_choice
 from slipctl.models.zhang_2021.hst_braking import (
     GUESS,
-    I_W,
+    INERTIA,
+    MASS,
+    PERIOD,
+    RADIUS,
     SOURCE,
-    TABLE_2,
     TABLE_3,
-    M,
-    N,
-    R,
+    WHEELS,
 )
 from slipctl.models.zhang_2021.hst_braking_estimate import (
     SLIP,
@@ -34,7 +34,15 @@ from slipctl.models.zhang_2021.hst_braking_reference import (
 
 LAM_START = Param("1", 0.0, "slip at the start", positive="braking", per="ratio", lo=-1.5, hi=1.5)
 
+FIRST_SHARE = Param(
+    "1", "fmax((lam_start - lam_ref_start)/delta_u, (lam_ref_start - lam_start)/delta_l)/eta_0",
+    "error at the start over its bound", lo=0, hi=1,
+)  # fmt: skip
+
 WIDE = "ten times a locked wheel's; printed references run away"
+INSIDE = 1 - 1e-9
+"""Share of the funnel beyond which the error is taken for its bound."""
+
 WANTED = "250 times the largest torque; arbitration limits it"
 COUNTED = "the count stands still there"
 FASTEST = "430 km/h; 5 m/s^2 for 1 ms, and noise"
@@ -46,6 +54,14 @@ def slip_torque(nu, v, F_a, lam, J, r, m, n, motion):
     """Torque at which lam' = nu by (7), or by (8) without ``motion``."""
     T = r * F_a - (J * v / r) * nu
     return T + J * n * (1 - lam) * F_a / (m * r) if motion else T
+
+
+def funnel_pull(law, K1, eps, eta, zeta, delta_l, delta_u):
+    """Rate at which a law pulls the error back into its funnel: K1 eps/l, or without 1/l."""
+    width = (delta_l + delta_u) / 2
+    if law == "barrier":
+        return K1 * eta * width * eps
+    return K1 * eps * eta * (zeta + delta_l) * (delta_u - zeta) / width
 
 
 def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = True) -> Block:
@@ -92,17 +108,9 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
         v_min=Param("m/s", 0.5, "least speed in the law", GUESS, lo=1e-3, hi=1000),
         v_off=Param("m/s", 1.0, "slip control is off below, and the funnel open", GUESS, lo=0,
                     hi=1000),
-        m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
-        n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
-        J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
-        r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
-        T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
+        m=MASS, n=WHEELS, J=INERTIA, r=RADIUS, T=PERIOD,
         kappa=Param("1", "K1 * T", "gain per tick; from 2 on the error grows", lo=0, hi=2),
-        lam_start=LAM_START, lam_ref_start=FIRST,
-        first=Param(
-            "1", "fmax((lam_start - lam_ref_start)/delta_u, (lam_ref_start - lam_start)/delta_l)"
-            "/eta_0", "error at the start over its bound", lo=0, hi=1,
-        ),
+        lam_start=LAM_START, lam_ref_start=FIRST, first=FIRST_SHARE,
     ):  # fmt: skip
         """Prescribed performance slip control with estimated adhesion; Zhang 2021 (10)-(17), (34).
 
@@ -111,43 +119,28 @@ def prescribed(form: str = "consistent", law: str = "funnel", motion: bool = Tru
         the funnel restarts, wider, when the error comes to ``trip`` of its bound, because from
         beyond it the printed law never comes back.
         """
-        e = lam - lam_ref
-        awake = v >= v_off
-        if printed:
-            eta = eta_h
-        else:
+        e, awake, eta = lam - lam_ref, v >= v_off, eta_h
+        if not printed:
             tripped = logic_or(e > trip * delta_u * eta_h, e < -trip * delta_l * eta_h)
             wider = fmax(eta_0, fmax(e / delta_u, -e / delta_l) / reserve)
             eta = if_else(tripped, wider, eta_h)
-        inside = 1 - 1e-9
-        zeta = fmax(-delta_l * inside, fmin(delta_u * inside, e / eta))
+        zeta = fmax(-delta_l * INSIDE, fmin(delta_u * INSIDE, e / eta))
         eps = log((zeta + delta_l) / (delta_u - zeta)) / 2
-        deta = -k * (eta - eta_inf)
-        speed = fmax(v, v_min)
+        deta, speed = -k * (eta - eta_inf), fmax(v, v_min)
         if printed:
             ell = (1 / (zeta + delta_l) - 1 / (delta_u - zeta)) / (2 * eta)
-            f = r**2 / (J * speed) * ell * F_a - ell * deta / eta * e
-            g = r / (J * speed) * ell
+            f, g = r**2 / (J * speed) * ell * F_a - ell * deta / eta * e, r / (J * speed) * ell
             T_wanted = (K1 * eps + f - ell * rate) / g
         else:
-            width = (delta_l + delta_u) / 2
-            if law == "barrier":
-                pull = K1 * eta * width * eps
-            else:
-                pull = K1 * eps * eta * (zeta + delta_l) * (delta_u - zeta) / width
+            pull = funnel_pull(law, K1, eps, eta, zeta, delta_l, delta_u)
             nu = -pull + e * deta / eta + rate
             T_wanted = slip_torque(nu, speed, F_a, lam, J, r, m, n, motion)
-        nxt = dict(
-            eta_h=eta_inf + (eta - eta_inf) * exp(-k * T),
-            count=count if printed else fmin(count + logic_and(tripped, awake), 1e6),
-        )
+        nxt = dict(eta_h=eta_inf + (eta - eta_inf) * exp(-k * T), count=count if printed
+                   else fmin(count + logic_and(tripped, awake), 1e6))  # fmt: skip
         shown = if_else(awake, eta_h, fmax(eta, fabs(e) / fmin(delta_l, delta_u)))
         upper, lower = delta_u * shown, -delta_l * shown
-        outputs = dict(
-            T_wanted=T_wanted, e=e, lower=lower, upper=upper,
-            share=fmax(e / upper, e / lower), restarts=nxt["count"],
-        )  # fmt: skip
-        return nxt, outputs
+        return nxt, dict(T_wanted=T_wanted, e=e, lower=lower, upper=upper,
+                         share=fmax(e / upper, e / lower), restarts=nxt["count"])  # fmt: skip
 
     return eppfc
 
@@ -174,10 +167,10 @@ def feedback_linearisation(motion: bool = True) -> Block:
             "1/s", 100.0, "gain; equal to K1, so that the comparison means something", lo=0, hi=1e5
         ),
         v_min=Param("m/s", 0.5, "least speed in the law", GUESS, lo=1e-3, hi=1000),
-        m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
-        n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
-        J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
-        r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
+        m=MASS,
+        n=WHEELS,
+        J=INERTIA,
+        r=RADIUS,
     ):
         """Feedback linearisation with estimated adhesion: lam' = -K e + lam*'."""
         e = lam - lam_ref
@@ -220,10 +213,10 @@ def pid(gains: str = "rule") -> Block:
                   hi=1e6),
         T_max=Param("N m", 20e3, "largest torque", GUESS, lo=1, hi=1e8),
         v_min=Param("m/s", 0.5, "least speed in the rule", GUESS, lo=1e-3, hi=1000),
-        J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
-        r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
+        J=INERTIA,
+        r=RADIUS,
         lam_start=LAM_START, lam_ref_start=FIRST,
-        T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
+        T=PERIOD,
     ):  # fmt: skip
         """PID on the slip error; T_b grows towards 0 with the error.
 

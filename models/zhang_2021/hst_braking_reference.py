@@ -34,15 +34,16 @@ from slipctl import (
 from slipctl.errors import refuse_unknown_choice
 from slipctl.models.zhang_2021.hst_braking import (
     GUESS,
-    I_W,
+    INERTIA,
+    MASS,
+    PERIOD,
+    RADIUS,
     RAILS,
     SECTION_5,
     SOURCE,
-    TABLE_2,
     TABLE_3,
+    WHEELS,
     G,
-    M,
-    N,
     R,
     peak_slip,
 )
@@ -114,7 +115,7 @@ def slope_identification(form: str = "consistent") -> Block:
         F_a_start=Param("N", 0.0, "estimated force at the start", positive="traction", lo=-1e6,
                         hi=1e6),
         gain=Param("1", 0.187, "gain of the adhesion filter, gamma/(1 + gamma)", lo=0, hi=1),
-        T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
+        T=PERIOD,
     ):  # fmt: skip
         """Slope of the adhesion curve by least squares with forgetting; Zhang 2021 (41), (42).
 
@@ -178,7 +179,7 @@ def gradient_search(form: str = "consistent") -> Block:
         lo=Param("1", 0.005, "lowest reference", GUESS, lo=0, hi=1),
         hi=Param("1", 0.4, "highest reference", GUESS, lo=0, hi=1),
         lam_ref_start=FIRST,
-        T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
+        T=PERIOD,
     ):
         """Gradient search of the best slip ratio; Zhang 2021 eq (40).
 
@@ -284,49 +285,32 @@ def adhesion_meter(window: int = 5, torque: str = "held") -> Block:
         name="meter", choices={"window": W, "torque": torque},
     )  # fmt: skip
     def meter(
-        omegas=State(
-            "rad/s",
-            "omega_start",
-            "wheel speeds, oldest first",
-            FASTEST,
-            shape=(W,),
-            lo=-1,
-            hi="120 / r",
-        ),
-        torques=State(
-            "N m", "T_b_start", "brake torques, oldest first", shape=(W,), lo=-40e3, hi=1e3
-        ),
-        slips=State(
-            "1", "lam_start", "slip ratios, oldest first", SLIP, shape=(W,), lo=-1.5, hi=1.5
-        ),
+        omegas=State("rad/s", "omega_start", "wheel speeds, oldest first", FASTEST, shape=(W,),
+                     lo=-1, hi="120 / r"),
+        torques=State("N m", "T_b_start", "brake torques, oldest first", shape=(W,), lo=-40e3,
+                      hi=1e3),
+        slips=State("1", "lam_start", "slip ratios, oldest first", SLIP, shape=(W,), lo=-1.5,
+                    hi=1.5),
         count=State("1", 1.0, "ticks in the window", lo=0, hi=W),
         before=State("1", 0.0, "whether the last tick told of a change", lo=0, hi=1),
         omega=Input("rad/s", "measured wheel speed"),
         T_b=Input("N m", "measured brake torque", positive="traction"),
         lam=Input("1", "measured slip ratio", positive="braking", per="ratio"),
         changed=Input("1", "1 when the rail has changed", value=0.0),
-        m=Param("kg", M, "mass, as the controller knows it", TABLE_2, lo=1000, hi=1e5),
-        n=Param("1", N, "wheels", TABLE_2, lo=1, hi=64),
-        J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
-        r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
+        m=MASS,
+        n=WHEELS,
+        J=INERTIA,
+        r=RADIUS,
         g=Param("m/s^2", G, "gravity", "not stated in the paper", lo=1, hi=30),
         omega_start=Param("rad/s", 50.0 / R, "wheel speed at the start", lo=-1e6, hi=1e6),
-        T_b_start=Param(
-            "N m", 0.0, "brake torque at the start", positive="traction", lo=-1e6, hi=1e6
-        ),
-        lam_start=Param(
-            "1", 0.0, "slip ratio at the start", positive="braking", per="ratio", lo=-1e6, hi=1e6
-        ),
-        T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
-        T_most=Param(
-            "N m",
-            3e4,
-            "torque on the wheel that cannot be",
-            "more than brake and rail",
-            lo=1,
-            hi=1e9,
-        ),
-    ):
+        T_b_start=Param("N m", 0.0, "brake torque at the start", positive="traction", lo=-1e6,
+                        hi=1e6),
+        lam_start=Param("1", 0.0, "slip ratio at the start", positive="braking", per="ratio",
+                        lo=-1e6, hi=1e6),
+        T=PERIOD,
+        T_most=Param("N m", 3e4, "torque on the wheel that cannot be", "more than brake and rail",
+                     lo=1, hi=1e9),
+    ):  # fmt: skip
         """Mean adhesion from the wheel's equation (1), paired with the mean slip of the window.
 
         mu = (mean T_b - I_w (omega - omega_n)/(n T)) / (r F_z). The increment makes it exact, and
@@ -473,10 +457,10 @@ def shaper(
     tau_ref=Param("s", 0.01, "time constant of the filter", GUESS, lo=1e-3, hi=10),
     near=Param("1", 0.02, "the reference waits while the slip is further off", GUESS, lo=0, hi=100),
     v_off=Param("m/s", 1.0, "slip control is off below", GUESS, lo=1e-3, hi=1000),
-    J=Param("kg m^2", I_W, "wheel inertia", f"{TABLE_2}, I_w", lo=1, hi=5000),
-    r=Param("m", R, "wheel radius", TABLE_2, lo=0.2, hi=1),
+    J=INERTIA,
+    r=RADIUS,
     lam_ref_start=FIRST,
-    T=Param("s", 1e-3, "sample period", SOURCE, lo=1e-6, hi=0.1),
+    T=PERIOD,
 ):
     """Slip reference that the wheel can follow: rate limit, then a first-order filter.
 

@@ -47,17 +47,7 @@ def luenberger(
             gives the pole.
     """
     where = f"luenberger({block.name})"
-    if block.kind != "flow" or not block.states:
-        raise BadInput(f"{where}: only a flow with states has an observer")
-    if any(s.shape != () for s in block.signals):
-        raise BadInput(f"{where}: states, inputs and outputs must be scalars")
-    seen = [measured] if isinstance(measured, str) else list(measured or block.outputs)
-    for name in seen:
-        if name not in block.outputs and name not in block.states:
-            known = [*block.outputs, *block.states]
-            raise BadInput(f"{where} has no signal {name!r}{nearest(name, known)}")
-    if not seen:
-        raise BadInput(f"{where}: give measured=, states or outputs of {block.name}")
+    seen = _signals_seen(where, block, measured)
     _refuse_nonlinear(where, block, seen)
     A, C = _matrices(block, seen)
     names = _gain_names(list(block.states), seen)
@@ -102,6 +92,22 @@ def luenberger(
         sx=block.sx, doc=f"Luenberger observer of {block.name}, poles {poles_text} 1/s.",
         choices={"poles": poles_text, "measured": ", ".join(seen)},
     )  # fmt: skip
+
+
+def _signals_seen(where: str, block: Block, measured: str | Sequence[str] | None) -> list[str]:
+    """Signals that an observer of a flow measures."""
+    if block.kind != "flow" or not block.states:
+        raise BadInput(f"{where}: only a flow with states has an observer")
+    if any(s.shape != () for s in block.signals):
+        raise BadInput(f"{where}: states, inputs and outputs must be scalars")
+    seen = [measured] if isinstance(measured, str) else list(measured or block.outputs)
+    for name in seen:
+        if name not in block.outputs and name not in block.states:
+            known = [*block.outputs, *block.states]
+            raise BadInput(f"{where} has no signal {name!r}{nearest(name, known)}")
+    if not seen:
+        raise BadInput(f"{where}: give measured=, states or outputs of {block.name}")
+    return seen
 
 
 def _gain_names(states: list[str], seen: list[str]) -> list[list[str]]:

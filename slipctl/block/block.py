@@ -246,13 +246,13 @@ class Block(Functions):
         changed = []
         for s in self.signals:
             old = before._signals[s.role].get(s.name)
-            parts_have_it = s.name in self.sharing.shares or self._owner(s.name) is not None
-            if s.role not in ("param", "state") or parts_have_it:
+            if s.role not in ("param", "state") or self._of_parts(s.name):
                 changed.append(s)
             elif s.name in new:
                 changed.append(s.valued(new[s.name]))
             else:
-                changed.append(s if old is None else s.valued(old.value))
+                old = s if old is None else old
+                changed.append(s if old.value is s.value else s.valued(old.value))
         block = self._copy(changed)
         return block if block.name == before.name else block.renamed(before.name)
 
@@ -283,6 +283,10 @@ class Block(Functions):
                 if part._has(name):
                     return head, name
         return None
+
+    def _of_parts(self, name: str) -> bool:
+        """Whether a state or parameter has its number from a part, or from a share."""
+        return name in self.sharing.shares or self._owner(name) is not None
 
     def _has(self, name: str) -> bool:
         """Whether ``name`` is a state, a parameter, or a place of a shared number."""

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 
@@ -61,13 +61,7 @@ def connect(
             period, an algebraic loop (told by its path). A shared place that no part has, or that
             has another unit or range.
     """
-    if not blocks:
-        raise BadInput(f"connect({name!r}) needs at least one block")
-    texts = isinstance(wires, Mapping) and [*wires, *wires.values()]
-    if texts is False or not all(isinstance(end, str) for end in texts):
-        raise BadInput(f"{name}: wires name a source by destination, {{'car.T_b': 'ctl.T_b'}}")
-    for b, block in blocks.items():
-        as_block(f"{name}: {b}", block)
+    _check_given(name, wires, blocks)
     kind, period = _common_kind(name, blocks)
     given = read_shares(name, share)
     shares = bind(name, blocks, given)
@@ -76,56 +70,10 @@ def connect(
             raise BadInput(f"{name}: {key!r} is a part and a shared number; rename one")
     blocks = parts_with_shares(blocks, shares, numbers_of(name, shares))
     sharing = Sharing.of(blocks, shares)
-    inner: dict[tuple[str, str], tuple[str, str]] = {}
-    outer_inputs: dict[str, Signal] = {}
-    outer_outputs: dict[str, tuple[str, str]] = {}
-    renamed: dict[tuple[str, str], str] = {}
-    for destination, source in wires.items():
-        for end in (destination, source):
-            if not WIRE_END.fullmatch(end):
-                raise BadInput(f"{name}: a wire ends at {end!r}; write part.signal, or one name")
-        if "." not in destination:
-            outer_outputs[destination] = _source(name, blocks, source)
-            continue
-        part, port = _find(name, blocks, destination, "input")
-        signal = blocks[part].inputs[port]
-        if "." not in source:
-            known = outer_inputs.get(source)
-            if known is None:
-                outer_inputs[source] = signal.moved(source, part)
-            else:
-                _check_wire(name, source, known, destination, signal)
-                outer_inputs[source] = _both(known, signal.moved(source, part))
-            renamed[part, port] = source
-            continue
-        from_part, from_port = _source(name, blocks, source)
-        _check_wire(name, source, _signal(blocks[from_part], from_port), destination, signal)
-        inner[part, port] = (from_part, from_port)
-
-    here = {place for s in shares.values() for place in s.places}
-    signals: list[Signal] = []
-    for b, block in blocks.items():
-        for n, s in block.states.items():
-            s = s.moved(f"{b}.{n}", b)
-            # its own name is the expression that leads to the shared number
-            signals.append(s.valued(n.rpartition(".")[2]) if s.name in here else s)
-    signals += [s.signal for s in shares.values() if s.signal is not None]
-    for b, block in blocks.items():
-        signals += [s.named(f"{b}.{n}") for n, s in block.params.items() if f"{b}.{n}" not in here]
-    signals += list(outer_inputs.values())
-    free: dict[tuple[str, str], str] = dict(renamed)
-    for b, block in blocks.items():
-        for n, s in block.inputs.items():
-            if (b, n) not in inner and (b, n) not in renamed:
-                free[b, n] = f"{b}.{n}"
-                signals.append(s.moved(f"{b}.{n}", b))
-    for b, block in blocks.items():
-        signals += [s.moved(f"{b}.{n}", b) for n, s in block.outputs.items()]
-    for out, (b, n) in outer_outputs.items():
-        signals.append(_signal(blocks[b], n).moved(out, b).as_role("output", value=None))
-
+    wiring = _Wiring.of(name, blocks, wires)
+    free, signals = _signals_of_parts(blocks, wiring, shares)
+    inner, outer_outputs = wiring.inner, wiring.outputs
     plan = _schedule(name, blocks, inner)
-    sx = all(block.sx for block in blocks.values())
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         results: dict[tuple[str, str], Any] = {
@@ -157,19 +105,103 @@ def connect(
     def rebuild(parts: dict[str, Block], changed: Mapping[str, Share] | None = None) -> Block:
         return connect(name, wires, share=given if changed is None else changed, **parts)
 
-    conditions: dict[str, dict[str, float]] = {}
+    made_of = Composition(dict(blocks), rebuild, dict(wires), prefixed=True, sharing=sharing,
+                          by_structure=True)  # fmt: skip
+    return Block(
+        name, kind, body, signals, period=period, doc=f"Connection of {', '.join(blocks)}.",
+        sx=all(block.sx for block in blocks.values()),
+        conditions=_conditions(blocks, sharing), composition=made_of,
+    )  # fmt: skip
+
+
+def _check_given(name: str, wires: Mapping[str, str], blocks: Mapping[str, Block]) -> None:
+    """Refuse what is no wiring, and parts that are none."""
+    if not blocks:
+        raise BadInput(f"connect({name!r}) needs at least one block")
+    texts = isinstance(wires, Mapping) and [*wires, *wires.values()]
+    if texts is False or not all(isinstance(end, str) for end in texts):
+        raise BadInput(f"{name}: wires name a source by destination, {{'car.T_b': 'ctl.T_b'}}")
+    for b, block in blocks.items():
+        as_block(f"{name}: {b}", block)
+
+
+class _Wiring(NamedTuple):
+    """Where each wire of a connection begins, as (part, signal)."""
+
+    inner: dict[tuple[str, str], tuple[str, str]]
+    """Source of an input that another part feeds."""
+    renamed: dict[tuple[str, str], str]
+    """Input of the connection that feeds an input."""
+    inputs: dict[str, Signal]
+    outputs: dict[str, tuple[str, str]]
+
+    @classmethod
+    def of(cls, name: str, blocks: Mapping[str, Block], wires: Mapping[str, str]) -> _Wiring:
+        """Wiring of the parts, checked end by end."""
+        found = cls({}, {}, {}, {})
+        for destination, source in wires.items():
+            for end in (destination, source):
+                if not WIRE_END.fullmatch(end):
+                    raise BadInput(
+                        f"{name}: a wire ends at {end!r}; write part.signal, or one name"
+                    )
+            if "." not in destination:
+                found.outputs[destination] = _source(name, blocks, source)
+                continue
+            part, port = _find(name, blocks, destination, "input")
+            signal = blocks[part].inputs[port]
+            if "." not in source:
+                known = found.inputs.get(source)
+                if known is None:
+                    found.inputs[source] = signal.moved(source, part)
+                else:
+                    _check_wire(name, source, known, destination, signal)
+                    found.inputs[source] = _both(known, signal.moved(source, part))
+                found.renamed[part, port] = source
+                continue
+            from_part, from_port = _source(name, blocks, source)
+            _check_wire(name, source, _signal(blocks[from_part], from_port), destination, signal)
+            found.inner[part, port] = (from_part, from_port)
+        return found
+
+
+def _signals_of_parts(
+    blocks: Mapping[str, Block], wiring: _Wiring, shares: Mapping[str, Share]
+) -> tuple[dict[tuple[str, str], str], list[Signal]]:
+    """Name of each input that the connection has for a part's, and all its signals."""
+    here = {place for s in shares.values() for place in s.places}
+    signals: list[Signal] = []
+    for b, block in blocks.items():
+        for n, s in block.states.items():
+            s = s.moved(f"{b}.{n}", b)
+            # its own name is the expression that leads to the shared number
+            signals.append(s.valued(n.rpartition(".")[2]) if s.name in here else s)
+    signals += [s.signal for s in shares.values() if s.signal is not None]
+    for b, block in blocks.items():
+        signals += [s.named(f"{b}.{n}") for n, s in block.params.items() if f"{b}.{n}" not in here]
+    signals += list(wiring.inputs.values())
+    free = dict(wiring.renamed)
+    for b, block in blocks.items():
+        for n, s in block.inputs.items():
+            if (b, n) not in wiring.inner and (b, n) not in wiring.renamed:
+                free[b, n] = f"{b}.{n}"
+                signals.append(s.moved(f"{b}.{n}", b))
+    for b, block in blocks.items():
+        signals += [s.moved(f"{b}.{n}", b) for n, s in block.outputs.items()]
+    for out, (b, n) in wiring.outputs.items():
+        signals.append(_signal(blocks[b], n).moved(out, b).as_role("output", value=None))
+    return free, signals
+
+
+def _conditions(blocks: Mapping[str, Block], sharing: Sharing) -> dict[str, dict[str, float]]:
+    """Rail conditions of the parts, by the names that their numbers have in the connection."""
+    found: dict[str, dict[str, float]] = {}
     for b, block in blocks.items():
         for condition, values in block.conditions.items():
-            conditions.setdefault(condition, {}).update(
+            found.setdefault(condition, {}).update(
                 {sharing.name(f"{b}.{k}"): v for k, v in values.items()}
             )
-    doc = f"Connection of {', '.join(blocks)}."
-    return Block(
-        name, kind, body, signals, period=period, doc=doc, sx=sx, conditions=conditions,
-        composition=Composition(
-            dict(blocks), rebuild, dict(wires), prefixed=True, sharing=sharing, by_structure=True
-        ),
-    )  # fmt: skip
+    return found
 
 
 def _common_kind(name: str, blocks: Mapping[str, Block]) -> tuple[str, float | None]:

@@ -14,6 +14,8 @@ from slipctl.block.units.unit_algebra import read_unit
 from slipctl.errors import BadInput, check_positive, list_of_kind, refuse_unknown_choice, value_text
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from slipctl.block.block import Block
 
 Body = Any
@@ -169,7 +171,7 @@ class Fields:
             if s.name in seen and s.role != "output":
                 raise BadInput(f"{name} declares {s.name!r} twice")
             seen.add(s.name)
-            if not self.parts:
+            if not (self.parts or s.declared):
                 read_unit(f"{name}.{s.name}", s.unit)
             if s.role == "output" and s.name in self._signals["output"]:
                 raise BadInput(f"{name} declares the output {s.name!r} twice")
@@ -177,11 +179,14 @@ class Fields:
         if self.kind == "law" and self.states:
             raise BadInput(f"{name} is a law and cannot have states; make it a flow or a step")
         for p in self.params.values():
-            if not p.derived and p.value is not None:
+            if not (p.derived or p.declared) and p.value is not None:
                 p.check(f"{name}.{p.name}", p.value)
         for y in self.outputs.values():
-            if y.safe is not None:
+            if not y.declared and y.safe is not None:
                 replace(y, shape=()).check(f"safe value of {name}.{y.name}", y.safe)
+        if not self.parts:
+            for s in self.signals:
+                s.__dict__["declared"] = True
 
     parts: dict[str, Block] = of_composition("parts", "The blocks this one was made of, by name.")
     wires: dict[str, str] = of_composition("wires", "Source by destination, of a connected block.")
@@ -192,6 +197,7 @@ class Fields:
     def _hold(self, signals: dict[str, dict[str, Signal]]) -> None:
         """Hold signals by role and name."""
         self._signals = signals
+        self._checked: dict[str, np.ndarray] | None = None
         self.states, self.inputs = signals["state"], signals["input"]
         self.params, self.outputs = signals["param"], signals["output"]
 

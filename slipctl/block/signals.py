@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -126,6 +126,8 @@ class Signal:
     judged: bool = False
     size: int = field(init=False, repr=False, compare=False)
     derived: bool = field(init=False, repr=False, compare=False)
+    declared: ClassVar[bool] = False
+    """Whether a block has declared it, whose unit and own number are in order, under any name."""
 
     def __post_init__(self) -> None:
         check_texts("a signal", self, "role", "doc", "source", "name", "axis")
@@ -162,7 +164,7 @@ class Signal:
             check_whole(f"{where}: stale", self.stale, 0)
         for b in self.bounds:
             names_in(b.expression)
-        if any(not isinstance(n, int) or n < 1 for n in self.shape):
+        if self.shape and any(not isinstance(n, int) or n < 1 for n in self.shape):
             raise BadInput(f"{where}: shape {self.shape} has an extent below 1; write (n,), (n, m)")
         if self.rising and (len(self.shape) != 1 or self.shape[0] < 2):
             raise BadInput(f"{where}: places of a table have a shape (n,), n at least 2")
@@ -225,7 +227,7 @@ class Signal:
     def valued(self, value: Any) -> Signal:
         """Return the same signal with another value."""
         same = object.__new__(Signal)
-        same.__dict__.update(self.__dict__, value=value)
+        same.__dict__.update(self.__dict__, value=value, declared=False)
         same._take_value(self.name or self.doc or f"a {self.role}")
         return same
 

@@ -108,9 +108,17 @@ class Values(Fields):
         Raises:
             BadInput: a parameter without value, off range, unknown, or derived and overridden.
         """
-        free: dict[str, Any] = {}
+        if not override:
+            if self._checked is None:
+                self._checked = self._values_with({})
+            return {n: v.copy() for n, v in self._checked.items()}
         for n in override:
             self._settable(n)
+        return self._values_with(override)
+
+    def _values_with(self, override: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """Values of all parameters, checked, with some that are set."""
+        free: dict[str, Any] = {}
         for n, s in self.params.items():
             if s.derived:
                 continue

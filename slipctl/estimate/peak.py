@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block, Exprs, make_block
-from slipctl.block.signals import Input, Output, Param, State
+from slipctl.block.signals import Input, Output, Param, Signal, State
 from slipctl.errors import BadInput, check_finite, check_positive, nearest
 from slipctl.estimate.model import (
     known_parameters,
@@ -77,42 +77,20 @@ def probe(
     lowest, highest = within
     if not (math.isfinite(lowest) and math.isfinite(highest) and lowest < highest):
         raise BadInput(f"probe({law.name}): within = {within} must be (lowest, highest)")
-    if not (math.isfinite(period) and period > 0):
-        raise BadInput(f"probe({law.name}): period = {period:g} s must be positive")
-    n, s = len(unknown), law.inputs[over]
-    others = [k for k in law.inputs if k != over]
+    check_positive(f"probe({law.name}): period", period, "s")
+    s, others = law.inputs[over], [k for k in law.inputs if k != over]
     known = known_parameters(law, unknown)
     gradient = peak_gradient(law, over, measured, unknown)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        low, high = p["lowest"], p["highest"]
-        best = ca.fmin(ca.fmax(u["best"], low), high)
+        best = ca.fmin(ca.fmax(u["best"], p["lowest"]), p["highest"])
         inputs = law.pack("input", {k: u[k] for k in others} | {over: best})
         values = ca.vertcat(*[u[k] for k in unknown])
         g, curvature = gradient(values, inputs, stack_column(p[k.name] for k in known))
         variance = g @ u["covariance"] @ g.T
         certain = ca.logic_and(curvature < 0, variance < (WORST * best) ** 2)
         deviation = ca.if_else(certain, ca.sqrt(ca.fmax(variance, 0)) / best, WORST)
-
-        begins = u["changed"]
-        if looks:
-            waited = ca.logic_and(ca.logic_not(x["probing"]), x["waited"] >= p["again"])
-            begins = ca.logic_or(begins, ca.logic_and(waited, deviation > p["tolerance"]))
-        elapsed = ca.if_else(begins, 0, x["elapsed"])
-        before = ca.logic_or(begins, x["probing"])
-        unsure = ca.logic_and(deviation > p["tolerance"], elapsed < p["longest"])
-        probing = ca.logic_and(before, unsure)
-        wanted = best * (1 + p["depth"] * probing)
-        nxt: Exprs = {}
-        if looks:
-            looking = ca.logic_and(ca.logic_not(probing), x["waited"] >= p["again"])
-            wanted = wanted + best * p["nudge"] * looking
-            done = ca.logic_or(probing, x["waited"] + period >= p["again"] + p["look"])
-            nxt["waited"] = ca.if_else(done, 0, x["waited"] + period)
-        reference = ca.fmax(low, ca.fmin(wanted, ca.fmin(high, u["limit"])))
-        following = ca.fmin(elapsed + period, p["longest"])
-        outputs = {"reference": reference, "deviation": deviation, "probing": probing}
-        return {"elapsed": following, "probing": probing} | nxt, outputs
+        return _probing(x, u, p, best, deviation, period, looks)
 
     convention: Any = {"positive": s.positive, "per": s.per}
     block = make_block(
@@ -122,36 +100,8 @@ def probe(
             State("1", 1.0, "1 until the peak is known").named("probing"),
             *[State("s", 0.0, "time since it was probed or looked at").named("waited")][:looks],
         ],
-        inputs=[
-            *(Input(law.params[k].unit, f"estimate: {law.params[k].doc}").named(k)
-              for k in unknown),
-            Input("1", "covariance of the unknowns, in their units", shape=(n, n)).named(
-                "covariance"
-            ),
-            Input("1", "1 when the rail has changed").named("changed"),
-            Input(s.unit, "peak of the estimated law", **convention).named("best"),
-            Input(s.unit, "highest reference now", value=highest, **convention).named("limit"),
-            *(law.inputs[k] for k in others),
-        ],
-        params=[
-            Param("1", 0.4, "how far past the peak to probe, over its place", "chosen", lo=0, hi=2
-                  ).named("depth"),
-            Param(s.unit, lowest, "lowest reference", "given", lo=-1e12, hi=1e12).named("lowest"),
-            Param(s.unit, highest, "highest reference", "given", lo=-1e12,
-                  hi=1e12).named("highest"),
-            Param("1", 0.02, "relative deviation of the peak that ends the probing", "chosen",
-                  lo=1e-6, hi=1e12).named("tolerance"),
-            Param("s", 0.3, "longest time of probing", "chosen", lo=0, hi=60).named("longest"),
-            *[
-                Param("s", 1.0, "time after which it looks again", "chosen", lo=0, hi=3600).named(
-                    "again"
-                ),
-                Param("s", 0.08, "how long it looks", "chosen", lo=0, hi=60).named("look"),
-                Param("1", 0.15, "how far it looks past the peak, over its place", "chosen", lo=0,
-                      hi=2).named("nudge"),
-            ][: 3 * looks],
-            *known,
-        ],
+        inputs=_probe_inputs(law, over, unknown, highest),
+        params=[*_probe_numbers(s.unit, lowest, highest, looks), *known],
         outputs=[
             Output(s.unit, "reference", **convention).named("reference"),
             Output("1", "standard deviation of the peak's place over its place").named("deviation"),
@@ -161,6 +111,70 @@ def probe(
         doc="Reference at the estimated peak, past it while the peak is unsure after a change.",
     )  # fmt: skip
     return block.with_params(**numbers) if numbers else block
+
+
+def _probing(
+    x: Exprs, u: Exprs, p: Exprs, best: Any, deviation: Any, period: float, looks: bool
+) -> tuple[Exprs, Exprs]:
+    """Next states and outputs of a probe that knows the peak, and how unsure it is."""
+    begins = u["changed"]
+    if looks:
+        waited = ca.logic_and(ca.logic_not(x["probing"]), x["waited"] >= p["again"])
+        begins = ca.logic_or(begins, ca.logic_and(waited, deviation > p["tolerance"]))
+    elapsed = ca.if_else(begins, 0, x["elapsed"])
+    before = ca.logic_or(begins, x["probing"])
+    unsure = ca.logic_and(deviation > p["tolerance"], elapsed < p["longest"])
+    probing = ca.logic_and(before, unsure)
+    wanted = best * (1 + p["depth"] * probing)
+    nxt: Exprs = {}
+    if looks:
+        looking = ca.logic_and(ca.logic_not(probing), x["waited"] >= p["again"])
+        wanted = wanted + best * p["nudge"] * looking
+        done = ca.logic_or(probing, x["waited"] + period >= p["again"] + p["look"])
+        nxt["waited"] = ca.if_else(done, 0, x["waited"] + period)
+    reference = ca.fmax(p["lowest"], ca.fmin(wanted, ca.fmin(p["highest"], u["limit"])))
+    following = ca.fmin(elapsed + period, p["longest"])
+    outputs = {"reference": reference, "deviation": deviation, "probing": probing}
+    return {"elapsed": following, "probing": probing} | nxt, outputs
+
+
+def _probe_inputs(law: Block, over: str, unknown: Sequence[str], highest: float) -> list[Signal]:
+    """Inputs of a probe: the estimate, how sure it is, and its peak."""
+    n, s = len(unknown), law.inputs[over]
+    convention: Any = {"positive": s.positive, "per": s.per}
+    return [
+        *(Input(law.params[k].unit, f"estimate: {law.params[k].doc}").named(k)
+          for k in unknown),
+        Input("1", "covariance of the unknowns, in their units", shape=(n, n)).named(
+            "covariance"
+        ),
+        Input("1", "1 when the rail has changed").named("changed"),
+        Input(s.unit, "peak of the estimated law", **convention).named("best"),
+        Input(s.unit, "highest reference now", value=highest, **convention).named("limit"),
+        *(law.inputs[k] for k in law.inputs if k != over),
+    ]  # fmt: skip
+
+
+def _probe_numbers(unit: str, lowest: float, highest: float, looks: bool) -> list[Signal]:
+    """Parameters of a probe."""
+    return [
+        Param("1", 0.4, "how far past the peak to probe, over its place", "chosen", lo=0, hi=2
+              ).named("depth"),
+        Param(unit, lowest, "lowest reference", "given", lo=-1e12, hi=1e12).named("lowest"),
+        Param(unit, highest, "highest reference", "given", lo=-1e12,
+              hi=1e12).named("highest"),
+        Param("1", 0.02, "relative deviation of the peak that ends the probing", "chosen",
+              lo=1e-6, hi=1e12).named("tolerance"),
+        Param("s", 0.3, "longest time of probing", "chosen", lo=0, hi=60).named("longest"),
+        *[
+            Param("s", 1.0, "time after which it looks again", "chosen", lo=0, hi=3600).named(
+                "again"
+            ),
+            Param("s", 0.08, "how long it looks", "chosen", lo=0, hi=60).named("look"),
+            Param("1", 0.15, "how far it looks past the peak, over its place", "chosen", lo=0,
+                  hi=2).named("nudge"),
+        ][: 3 * looks],
+    ]  # fmt: skip
 
 
 class PeakBound(NamedTuple):

@@ -47,35 +47,28 @@ itself.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Param, Signal, State
-from slipctl.block.text.intermediates import remember_locals
 from slipctl.errors import BadInput, check_whole
 from slipctl.estimate import recall as taken_back
+from slipctl.estimate.gauss_newton import (
+    DAMPING,
+    HAND,
+    inverse,
+    iteration,
+    normal_equations,
+    solver,
+)
 from slipctl.estimate.model import Model, covariance_state, spread_param, theta_state
 from slipctl.estimate.noise_weights import echoing_sums, shift_ratios, signature, white_sums
 from slipctl.seek.random import epsilon
-
-DAMPING = 0.1
-"""Damping of the first iteration after a change, relative to the diagonal of the Hessian
-(Marquardt 1963); a success divides it by 4, a failure multiplies it by 4, and it is kept from tick
-to tick, because the valley along which a, b and c trade off is narrow and bent."""
-
-LEAST, MOST = 1e-9, 1e9
-"""Range of the damping: without effect, and standing still."""
-
-BLIND = 64.0
-"""Beyond BLIND / sqrt(eps) damping begins anew. Steps as short as that change J by less than its
-rounding, so they fail whatever the data say, and damping would stay at MOST for ever, the estimate
-still. In double it is beyond MOST, in float 2e5: far above what a bent valley needs."""
-
-ROUNDED = 1e-5
-"""Rounding that a variance may have beyond the spread, in float and in double."""
-
 
 BELIEF = 0.01
 """Samples that the declared noise counts for, beside those seen. Without noise s falls to
@@ -85,221 +78,291 @@ sigma sqrt(BELIEF/count), 1 % of sigma, which keeps H within what float can inve
 KNOWN = ("theta", "P", "scatter", "mean", "Lambda", "count", "kept")
 """What an estimate knows."""
 
-DATA = ("theta", "kept", "weights", "mean", "Lambda", "sigma2", "constants")
-"""Arguments of the normal equations."""
-
 
 def windowed_estimator(
     model: Model, period: float, window: int, iterations: int, memory: int = 1, echo: float = 0.0,
     recall: int = 0, per_tick: int | None = None,
 ) -> Block:  # fmt: skip
     """Make the windowed estimator; use :func:`slipctl.rls` with ``form="window"``."""
-    n, rows = model.n, sum(s.size for s in model.law.inputs.values()) + 1
-    unit = model.law.outputs[model.measured].unit
-    if echo:
-        sums, heard = echoing_sums(model, window, echo)
-    else:
-        sums = white_sums(model, window)
-    normal = _normal_equations(model, sums)
-    iterate = _iteration(normal)
-    solve, invert = _solver(n), _inverse(n)
     per_tick = iterations if per_tick is None else per_tick
-    several = per_tick < iterations
+    asked = Window(model, window, iterations, memory, echo, recall, per_tick)
+    return make_block(
+        "rls", "step", asked.tick, states=asked.states(), inputs=model.inputs(),
+        params=[*_numbers(model), *model.known()],
+        outputs=[*model.outputs(), *taken_back.outputs(recall)],
+        period=period, sx=False, choices=asked.choices(), doc=__doc__ or "",
+    )  # fmt: skip
 
-    def variance(x: Exprs, row: Any, p: Exprs) -> Any:
+
+@dataclass(frozen=True)
+class Window:
+    """A windowed estimator: what was asked for, and what its tick does with a sample.
+
+    Attributes:
+        model: the law as a function of the coordinates of its unknowns.
+        window, iterations, memory, echo, recall: as of :func:`slipctl.rls`.
+        per_tick: iterations in each tick.
+    """
+
+    model: Model
+    window: int
+    iterations: int
+    memory: int
+    echo: float
+    recall: int
+    per_tick: int
+
+    @property
+    def several(self) -> bool:
+        """Whether a fit takes several ticks."""
+        return self.per_tick < self.iterations
+
+    @cached_property
+    def echoing(self) -> tuple[ca.Function, ca.Function]:
+        """Sums of innovations over the window, and what the next sample hears."""
+        return echoing_sums(self.model, self.window, self.echo)
+
+    @cached_property
+    def sums(self) -> ca.Function:
+        """Sums of residuals over the window."""
+        return self.echoing[0] if self.echo else white_sums(self.model, self.window)
+
+    @cached_property
+    def normal(self) -> ca.Function:
+        """Normal equations of the samples kept."""
+        return normal_equations(self.model, self.sums)
+
+    def tick(self, x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        """Next states and outputs with a new sample."""
+        begun, (inputs, measurement) = x, self.model.sample(u)
+        known = {"constants": self.model.constants(p), "declared": p["noise"] ** 2,
+                 "least": p["spread"] ** -2}  # fmt: skip
+        if self.recall:
+            x, counts, back = self.recalled(x, inputs, measurement, known["constants"], p)
+        predicted, h = self.model.predict(x["theta"], inputs, known["constants"])
+        e = measurement - predicted
+        changed, shifts = self.change(x, e, h, p)
+        unsettled = ca.if_else(changed, p["settling"], ca.fmax(0, x["unsettled"] - 1))
+        again = ca.logic_or(ca.logic_or(changed, x["count"] == 0), x["unsettled"] > 0)
+        sigma2 = self.noise(x, again, known["declared"])
+        mean, Lambda = self.information(x, again, sigma2, known, p)
+        kept, count = self.samples(x, again, ca.vertcat(inputs, measurement))
+
+        now = self.in_hand(begun)
+        given = {"kept": kept, "count": count, "Lambda": Lambda, "unsettled": unsettled}
+        nxt = {k: now(k, v) for k, v in given.items()}
+        given = {"mean_now": mean, "sigma2": sigma2, "told": changed,
+                 "predicted_then": predicted, "residual_then": e}  # fmt: skip
+        first = {k: now(k, v) for k, v in given.items()}
+        weights = nxt["count"] > ca.DM(range(self.window)).T
+        damping = ca.if_else(again, DAMPING, x["damping"])
+        hand = self.fit(x["theta"], damping, weights, now, nxt | first | known)
+        nxt |= self.estimate(hand, nxt["count"], first["mean_now"], known, p["farthest"])
+        if self.memory > 1:
+            nxt["shifts"] = ca.if_else(again, 0, shifts)
+        if self.recall:
+            left = ca.logic_and(first["told"], x["count"] >= self.window / 2)
+            over = ca.logic_or(back, nxt["count"] == self.window)
+            nxt |= taken_back.put_aside(x, KNOWN, counts, left, over)
+        if self.echo:
+            nxt["echoed"] = self.heard(nxt, weights, known["constants"])
+        if self.several:
+            nxt = self.held(nxt, begun, now, hand["left"]) | hand | first
+            if self.recall:
+                nxt["recalled_then"] = back = now("recalled_then", back)
+        return nxt, self.results(nxt, first) | ({"recalled": back} if self.recall else {})
+
+    def variance(self, x: Exprs, row: Any, p: Exprs) -> Any:
         """Variance of the residual of a new sample: its noise, and what is not known."""
         doubt = ca.fmax(row.T @ x["P"] @ row, 0)  # in float P may not be definite
         noise = ca.fmin(x["scatter"], p["coarsest"] ** 2)
-        return noise * (1 + doubt / p["noise"] ** 2) if memory == 1 else noise + doubt
+        return noise * (1 + doubt / p["noise"] ** 2) if self.memory == 1 else noise + doubt
 
     def recalled(
-        x: Exprs, inputs: Any, measurement: Any, constants: Any, p: Exprs
+        self, x: Exprs, inputs: Any, measurement: Any, constants: Any, p: Exprs
     ) -> tuple[Exprs, Exprs, Any]:
         """States, what counts samples that agree with the former one, and whether it is back."""
         former = {name: x[f"former_{name}"] for name in KNOWN}
         told = former | {"scatter": ca.fmax(former["scatter"], p["noise"] ** 2)}
-        predicted, h = model.predict(former["theta"], inputs, constants)
-        off, may = measurement - predicted, variance(told, h, p)
-        t = off / (p["gate"] * ca.sqrt(may)) if memory > 1 else None
-        counts, back = taken_back.count_sample(x, off**2 <= p["gate"] ** 2 * may, recall, t)
+        predicted, h = self.model.predict(former["theta"], inputs, constants)
+        off, may = measurement - predicted, self.variance(told, h, p)
+        t = off / (p["gate"] * ca.sqrt(may)) if self.memory > 1 else None
+        counts, back = taken_back.count_sample(x, off**2 <= p["gate"] ** 2 * may, self.recall, t)
         taken = former | {"unsettled": 0, "damping": DAMPING}
-        taken |= {"shifts": 0} if memory > 1 else {}
+        taken |= {"shifts": 0} if self.memory > 1 else {}
         return dict(x) | {k: ca.if_else(back, v, x[k]) for k, v in taken.items()}, counts, back
 
-    def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        constants, declared = model.constants(p), p["noise"] ** 2
-        least = p["spread"] ** -2
+    def change(self, x: Exprs, e: Any, h: Any, p: Exprs) -> tuple[Any, Any]:
+        """Whether a residual is beyond the prediction interval of the regression; latest shifts."""
+        new, row = (e + x["echoed"][0], h + x["echoed"][1:]) if self.echo else (e, h)
+        enough = x["count"] >= self.model.n + 2  # fewer cannot tell a change from an unknown
+        if self.memory == 1:
+            beyond = new**2 > p["gate"] ** 2 * self.variance(x, row, p)
+            return ca.logic_and(enough, beyond), None
+        shift = new / ca.sqrt(self.variance(x, row, p))
+        shifts = ca.horzcat(ca.if_else(enough, shift, 0), x["shifts"][:, :-1])
+        ratios = shift_ratios(shifts, self.memory, self.echo)
+        freedom = BELIEF + ca.fmax(0, x["count"] - self.model.n)
+        return freedom * ca.log1p(ca.mmax(ratios) / freedom) > p["gate"] ** 2, shifts
+
+    def noise(self, x: Exprs, again: Any, declared: Any) -> Any:
+        """Variance of a sample that the fit takes: as declared, or as the residuals show."""
+        if self.memory == 1:
+            return declared
+        few = x["count"] < self.model.n + 2
+        return ca.if_else(ca.logic_or(again, few), declared, x["scatter"])
+
+    def information(
+        self, x: Exprs, again: Any, sigma2: Any, known: Exprs, p: Exprs
+    ) -> tuple[Any, Any]:
+        """Centre and information of what is known besides: what leaves the window stays so."""
+        least, constants, theta = known["least"], known["constants"], x["theta"]
         Lambda_0 = ca.densify(ca.diag(least))
-        inputs, measurement = model.sample(u)
-        begun = x
-        if recall:
-            x, counts, back = recalled(x, inputs, measurement, constants, p)
-        theta = x["theta"]
-        predicted, h = model.predict(theta, inputs, constants)
-        e = measurement - predicted
-        new, row = (e + x["echoed"][0], h + x["echoed"][1:]) if echo else (e, h)
-
-        # a change: the residual is beyond the prediction interval of the regression
-        enough = x["count"] >= n + 2  # fewer cannot tell a change from an unknown
-        if memory == 1:
-            changed = ca.logic_and(enough, new**2 > p["gate"] ** 2 * variance(x, row, p))
-        else:
-            shift = new / ca.sqrt(variance(x, row, p))
-            shifts = ca.horzcat(ca.if_else(enough, shift, 0), x["shifts"][:, :-1])
-            ratios = shift_ratios(shifts, memory, echo)
-            freedom = BELIEF + ca.fmax(0, x["count"] - n)
-            changed = freedom * ca.log1p(ca.mmax(ratios) / freedom) > p["gate"] ** 2
-        unsettled = ca.if_else(changed, p["settling"], ca.fmax(0, x["unsettled"] - 1))
-        again = ca.logic_or(ca.logic_or(changed, x["count"] == 0), x["unsettled"] > 0)
-
-        sigma2 = declared
-        if memory > 1:
-            sigma2 = ca.if_else(ca.logic_or(again, x["count"] < n + 2), declared, x["scatter"])
-
-        # what leaves the window stays as information
-        if echo:
-            values, slopes = model.parameters(theta)
-            *_, JJ, Je = sums(values, x["kept"], ca.DM.ones(1, window), constants)
+        if self.echo:
+            values, slopes = self.model.parameters(theta)
+            ones = ca.DM.ones(1, self.window)
+            *_, JJ, Je = self.sums(values, x["kept"], ones, constants)
             seen, told = slopes.T @ JJ @ slopes, slopes.T @ Je
         else:
             last = x["kept"][:, -1]
-            old, g = model.predict(theta, last[:-1], constants)
+            old, g = self.model.predict(theta, last[:-1], constants)
             seen, told = g @ g.T, g * (last[-1] - old)
         kept_share = p["forgetting"] * x["Lambda"]
         Lambda = kept_share + (1 - p["forgetting"]) * Lambda_0 + seen / sigma2
         pull = kept_share @ (x["mean"] - theta) + told / sigma2
-        mean = theta + solve(Lambda, pull, least)
-        full = x["count"] == window
+        mean = theta + solver(self.model.n)(Lambda, pull, least)
+        full = x["count"] == self.window
         Lambda = ca.if_else(again, Lambda_0, ca.if_else(full, Lambda, x["Lambda"]))
-        mean = ca.if_else(again, theta, ca.if_else(full, mean, x["mean"]))
+        return ca.if_else(again, theta, ca.if_else(full, mean, x["mean"])), Lambda
 
-        # the window, newest first; unused places repeat the first sample, with weight 0
-        sample = ca.vertcat(inputs, measurement)
-        kept = ca.if_else(
-            again, ca.repmat(sample, 1, window), ca.horzcat(sample, x["kept"][:, :-1])
-        )
-        count = ca.if_else(again, 1, ca.fmin(window, x["count"] + 1))
+    def samples(self, x: Exprs, again: Any, sample: Any) -> tuple[Any, Any]:
+        """The window, newest first, and its count.
 
-        damping = ca.if_else(again, DAMPING, x["damping"])
-        begins = begun["left"] <= 0 if several else True
+        Unused places repeat the first sample; they have weight 0.
+        """
+        all_same = ca.repmat(sample, 1, self.window)
+        kept = ca.if_else(again, all_same, ca.horzcat(sample, x["kept"][:, :-1]))
+        return kept, ca.if_else(again, 1, ca.fmin(self.window, x["count"] + 1))
 
-        def now(name: str, new: Any) -> Any:
-            """What a fit begins with, or what it has come to."""
-            return ca.if_else(begins, new, begun[name]) if several else new
+    def in_hand(self, begun: Exprs) -> Callable[[str, Any], Any]:
+        """What a fit begins with in its first tick, or what it has come to, by name."""
+        if not self.several:
+            return lambda name, new: new
+        begins = begun["left"] <= 0
+        return lambda name, new: ca.if_else(begins, new, begun[name])
 
-        kept, count, Lambda = now("kept", kept), now("count", count), now("Lambda", Lambda)
-        weights = count > ca.DM(range(window)).T
-        unsettled, changed = now("unsettled", unsettled), now("told", changed)
-        predicted, e = now("predicted_then", predicted), now("residual_then", e)
-        mean_now, sigma2 = now("mean_now", mean), now("sigma2", sigma2)
-        data = (kept, weights, mean_now, Lambda, sigma2, constants)
-        arithmetic = (least, epsilon(ca.fmin(count, 1)))
-        first = (theta, *normal(theta, *data), damping)
+    def fit(
+        self, theta: Any, damping: Any, weights: Any, now: Callable[[str, Any], Any], given: Exprs
+    ) -> Exprs:
+        """The fit after the iterations of this tick: :data:`HAND`, and how many are left."""
+        data = (given["kept"], weights, given["mean_now"], given["Lambda"], given["sigma2"],
+                given["constants"])  # fmt: skip
+        arithmetic = (given["least"], epsilon(ca.fmin(given["count"], 1)))
+        first = (theta, *self.normal(theta, *data), damping)
         state = tuple(now(k, new) for k, new in zip(HAND, first, strict=True))
-        for _ in range(per_tick):
+        iterate = iteration(self.normal)
+        for _ in range(self.per_tick):
             state = iterate(*state, *arithmetic, *data)
-        hand = dict(zip(HAND, state, strict=True))
-        theta, _, squares, H, _, damping = state
-        theta, mean = (_near(v, model, p["farthest"]) for v in (theta, mean_now))
-        P = invert(H, least)
-        if memory == 1:
+        left = {"left": now("left", self.iterations) - self.per_tick} if self.several else {}
+        return dict(zip(HAND, state, strict=True)) | left
+
+    def estimate(self, hand: Exprs, count: Any, mean: Any, known: Exprs, far: Any) -> Exprs:
+        """What the fit in hand tells: coordinates, covariance, noise, and its next damping."""
+        model, declared, squares = self.model, known["declared"], hand["squares"]
+        theta, mean = (_near(v, model, far) for v in (hand["theta_now"], mean))
+        if self.memory == 1:
             scatter = declared + squares / count
         else:
-            scatter = (BELIEF * declared + squares) / (BELIEF + ca.fmax(0, count - n))
-        nxt = {
-            "theta": theta, "P": P, "scatter": scatter, "mean": mean,
-            "Lambda": Lambda, "count": count, "unsettled": unsettled, "kept": kept,
-            "damping": damping,
-        }  # fmt: skip
-        if memory > 1:
-            nxt["shifts"] = ca.if_else(again, 0, shifts)
-        if recall:
-            left = ca.logic_and(changed, x["count"] >= window / 2)
-            over = ca.logic_or(back, count == window)
-            nxt |= taken_back.put_aside(x, KNOWN, counts, left, over)
-        if echo:
-            values, slopes = model.parameters(theta)
-            left = heard(values, kept, weights, constants)
-            nxt["echoed"] = ca.vertcat(left[0], slopes.T @ left[1:])
-        if several:
-            left = now("left", iterations) - per_tick
-            nxt |= {
-                k: ca.if_else(left <= 0, nxt[k], begun[k])
-                for k in ("theta", "P", "scatter", "mean", "echoed") if k in nxt
-            } | {
-                k: now(k, v) for k, v in nxt.items()
-                if k in ("shifts", "agreed", "summed") or k.startswith("former_")
-            } | {k: hand[k] for k in HAND if k != "damping"} | {
-                "left": left, "mean_now": mean_now, "sigma2": sigma2, "told": changed,
-                "predicted_then": predicted, "residual_then": e,
-            }  # fmt: skip
-            if recall:
-                nxt["recalled_then"] = back = now("recalled_then", back)
-            theta, P = nxt["theta"], nxt["P"]
-        results = model.results(theta, P, predicted, e, changed)
-        told = {name: model.law.params[name] for name in model.unknown}
-        results |= {k: ca.fmax(s.lo, ca.fmin(s.hi, results[k])) for k, s in told.items()}
-        return nxt, results | ({"recalled": back} if recall else {})
+            scatter = (BELIEF * declared + squares) / (BELIEF + ca.fmax(0, count - model.n))
+        P = inverse(model.n)(hand["H"], known["least"])
+        return {"theta": theta, "P": P, "scatter": scatter, "mean": mean,
+                "damping": hand["damping"]}  # fmt: skip
 
-    states = [
-        theta_state(model), covariance_state(n),
-        State(f"({unit})^2", 0.0, "noise seen: sigma^2 and mean square residual").named("scatter"),
-        State("1", model.guess, "centre of what is known besides", shape=(n,)).named("mean"),
-        State("1", 0.0, "information besides the window", shape=(n, n)).named("Lambda"),
-        State("1", 0.0, "samples in the window").named("count"),
-        State("1", 0.0, "samples still to be replaced after a change").named("unsettled"),
-        State("1", DAMPING, "damping of the next iteration").named("damping"),
-        State("1", 0.0, "samples, newest first, each in its units",
-              shape=(rows, window)).named("kept"),
+    def heard(self, nxt: Exprs, weights: Any, constants: Any) -> Any:
+        """What the next residual hears of the newest noise, and its regressor."""
+        values, slopes = self.model.parameters(nxt["theta"])
+        left = self.echoing[1](values, nxt["kept"], weights, constants)
+        return ca.vertcat(left[0], slopes.T @ left[1:])
+
+    def held(self, nxt: Exprs, begun: Exprs, now: Callable[[str, Any], Any], left: Any) -> Exprs:
+        """States where a fit takes several ticks: the last estimate holds until the fit ends."""
+        ended = ("theta", "P", "scatter", "mean", "echoed")
+        first = ("shifts", "agreed", "summed", *(f"former_{n}" for n in KNOWN))
+        return (
+            nxt
+            | {k: ca.if_else(left <= 0, nxt[k], begun[k]) for k in ended if k in nxt}
+            | {k: now(k, nxt[k]) for k in first if k in nxt}
+        )
+
+    def results(self, nxt: Exprs, first: Exprs) -> Exprs:
+        """Outputs; a parameter is told within the range that its law declares."""
+        seen = first["predicted_then"], first["residual_then"], first["told"]
+        found = self.model.results(nxt["theta"], nxt["P"], *seen)
+        told = {name: self.model.law.params[name] for name in self.model.unknown}
+        return found | {k: ca.fmax(s.lo, ca.fmin(s.hi, found[k])) for k, s in told.items()}
+
+    def states(self) -> list[Signal]:
+        """States of the estimator."""
+        model, n, unit = self.model, self.model.n, _unit(self.model)
+        rows = sum(s.size for s in model.law.inputs.values()) + 1
+        found = [
+            theta_state(model), covariance_state(n),
+            State(f"({unit})^2", 0.0, "noise seen: sigma^2 and mean square residual").named(
+                "scatter"),
+            State("1", model.guess, "centre of what is known besides", shape=(n,)).named("mean"),
+            State("1", 0.0, "information besides the window", shape=(n, n)).named("Lambda"),
+            State("1", 0.0, "samples in the window").named("count"),
+            State("1", 0.0, "samples still to be replaced after a change").named("unsettled"),
+            State("1", DAMPING, "damping of the next iteration").named("damping"),
+            State("1", 0.0, "samples, newest first, each in its units",
+                  shape=(rows, self.window)).named("kept"),
+        ]  # fmt: skip
+        if self.memory > 1:
+            found.append(State("1", 0.0, "latest residuals over their standard deviations, newest"
+                               " first", shape=(1, self.memory)).named("shifts"))  # fmt: skip
+        if self.echo:
+            found.append(State("1", 0.0, "what the next residual hears of the newest noise, in"
+                               " units of the measurement, and its regressor",
+                               shape=(n + 1,)).named("echoed"))  # fmt: skip
+        if self.recall:
+            found += taken_back.states([s for s in found if s.name in KNOWN], self.memory > 1)
+        return found + (_in_hand(model, unit, self.recall) if self.several else [])
+
+    def choices(self) -> dict[str, Any]:
+        """Structural choices for the block."""
+        found = self.model.describe("window")
+        found |= {"window": self.window, "iterations": self.iterations}
+        found |= {"iterations per tick": self.per_tick} if self.several else {}
+        found |= {"memory": self.memory} if self.memory > 1 else {}
+        found |= {"echo": self.echo} if self.echo else {}
+        return found | ({"recall": self.recall} if self.recall else {})
+
+
+def _unit(model: Model) -> str:
+    """Unit of the measurement."""
+    return model.law.outputs[model.measured].unit
+
+
+def _numbers(model: Model) -> list[Signal]:
+    """Parameters of the estimator, beside those of the law that it takes as known."""
+    unit = _unit(model)
+    return [
+        Param(unit, 1e-3, "standard deviation of the measurement", lo=1e-12,
+              hi=1e12).named("noise"),
+        spread_param(model.n, 2.0),
+        Param("1", 5.0, "residual taken for a change, over its standard deviation", lo=1,
+              hi=1e12).named("gate"),
+        Param(unit, 1e12, "largest standard deviation that residuals are taken for noise with;"
+              " samples that the law cannot fit would hide the next change", lo=1e-12,
+              hi=1e12).named("coarsest"),
+        Param("1", 1e12, "how far a coordinate may go from its first guess; where nothing is"
+              " to be measured, a logarithm would fall for ever", lo=1e-12,
+              hi=1e12).named("farthest"),
+        Param("1", 0.0, "samples after a change in which the sensor still mixes before and"
+              " after; the newest replaces them", lo=0, hi=1000).named("settling"),
+        Param("1", 1.0, "weight of what left the window, per sample; below 1 the estimate"
+              " wanders where the slip shows nothing", lo=1e-3, hi=1).named("forgetting"),
     ]  # fmt: skip
-    if memory > 1:
-        states.append(State("1", 0.0, "latest residuals over their standard deviations, newest"
-                            " first", shape=(1, memory)).named("shifts"))  # fmt: skip
-    if echo:
-        states.append(State("1", 0.0, "what the next residual hears of the newest noise, in units"
-                            " of the measurement, and its regressor",
-                            shape=(n + 1,)).named("echoed"))  # fmt: skip
-    if recall:
-        states += taken_back.states([s for s in states if s.name in KNOWN], memory > 1)
-    states += _in_hand(model, unit, recall) if several else []
-    return make_block(
-        "rls", "step", body, states=states,
-        inputs=model.inputs(),
-        params=[
-            Param(unit, 1e-3, "standard deviation of the measurement", lo=1e-12,
-                  hi=1e12).named("noise"),
-            spread_param(n, 2.0),
-            Param("1", 5.0, "residual taken for a change, over its standard deviation", lo=1,
-                  hi=1e12).named(
-                "gate"
-            ),
-            Param(unit, 1e12, "largest standard deviation that residuals are taken for noise with;"
-                  " samples that the law cannot fit would hide the next change", lo=1e-12,
-                  hi=1e12).named("coarsest"),
-            Param("1", 1e12, "how far a coordinate may go from its first guess; where nothing is"
-                  " to be measured, a logarithm would fall for ever", lo=1e-12,
-                  hi=1e12).named("farthest"),
-            Param("1", 0.0, "samples after a change in which the sensor still mixes before and"
-                  " after; the newest replaces them", lo=0, hi=1000).named("settling"),
-            Param("1", 1.0, "weight of what left the window, per sample; below 1 the estimate"
-                  " wanders where the slip shows nothing", lo=1e-3, hi=1).named("forgetting"),
-            *model.known(),
-        ],
-        outputs=[
-            *model.outputs(),
-            *taken_back.outputs(recall),
-        ],
-        period=period, sx=False,
-        choices=model.describe("window") | {"window": window, "iterations": iterations}
-        | ({"iterations per tick": per_tick} if several else {})
-        | ({"memory": memory} if memory > 1 else {}) | ({"echo": echo} if echo else {})
-        | ({"recall": recall} if recall else {}),
-        doc=__doc__ or "",
-    )  # fmt: skip
-
-
-HAND = ("theta_now", "J", "squares", "H", "r", "damping")
-"""States of a fit in hand, in the order of an iteration."""
 
 
 def _in_hand(model: Model, unit: str, recall: int) -> list[Signal]:
@@ -370,96 +433,3 @@ def smallest_shift(
     s2 = (BELIEF * declared**2 + seen * noise**2) / freedom
     weight = sum(c**2 for c in signature(latest, echo))
     return math.sqrt(s2 * freedom * math.expm1(gate**2 / freedom) / weight)
-
-
-def _normal_equations(model: Model, sums: ca.Function) -> ca.Function:
-    """Function (theta, data) -> (J, squares, H, r).
-
-    These are the cost, the sum of squared residuals, the Hessian in Gauss-Newton form and minus
-    the gradient.
-    """
-    n, (rows, window) = model.n, sums.size_in(1)
-    theta, kept = ca.MX.sym("theta", n), ca.MX.sym("kept", rows, window)
-    weights, mean = ca.MX.sym("weights", 1, window), ca.MX.sym("mean", n)
-    Lambda, sigma2 = ca.MX.sym("Lambda", n, n), ca.MX.sym("sigma2")
-    constants = ca.MX.sym("constants", model.output.size1_in(2))
-    values, slopes = model.parameters(theta)
-    squares, JJ, Je = sums(values, kept, weights, constants)[:3]
-    off = mean - theta
-    J = (squares / sigma2 + off.T @ Lambda @ off) / 2
-    H = slopes.T @ JJ @ slopes / sigma2 + Lambda
-    r = slopes.T @ Je / sigma2 + Lambda @ off
-    return ca.Function(
-        "normal_equations",
-        [theta, kept, weights, mean, Lambda, sigma2, constants],
-        [J, squares, H, r],
-        list(DATA),
-        ["J", "squares", "H", "r"],
-    )
-
-
-def _iteration(normal: ca.Function) -> ca.Function:
-    """Function (theta, J, squares, H, r, damping, pivots, eps, data) -> the first six anew."""
-    inputs = [ca.MX.sym(n, normal.sparsity_in(k)) for k, n in enumerate(normal.name_in())]
-    theta, data = inputs[0], inputs[1:]
-    now = [ca.MX.sym(n, normal.sparsity_out(k)) for k, n in enumerate(normal.name_out())]
-    J, _, H, r = now
-    damping, eps = ca.MX.sym("damping"), ca.MX.sym("eps")
-    least = ca.MX.sym("least", theta.shape[0])
-    there = theta + _solver(theta.shape[0])(H + damping * ca.diag(ca.diag(H)), r, least)
-    then = normal(there, *data)
-    better = then[0] < J  # false for NaN too, so a step out of range is refused
-    following = [
-        ca.if_else(better, b, a) for a, b in zip([theta, *now], [there, *then], strict=True)
-    ]
-    more = ca.if_else(4 * damping > BLIND / ca.sqrt(eps), DAMPING, ca.fmin(damping * 4, MOST))
-    after = ca.if_else(better, ca.fmax(damping / 4, LEAST), more)
-    taken = [theta, *now, damping, least, eps, *data]
-    names = [DATA[0], *normal.name_out(), "damping", "least", "eps", *DATA[1:]]
-    given = [f"{n}_next" for n in names[: len(following) + 1]]
-    return ca.Function("iteration", taken, [*following, after], names, given)
-
-
-def _ldl(A: ca.SX, least: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """D and strict upper triangle L' of A = (I + L) diag(D) (I + L'); no pivot is below ``least``.
-
-    A is Lambda_0 plus squares, so in exact arithmetic no pivot is below that of Lambda_0. In float
-    it is lost where the squares are 1e7 times as large, and pivots would come out negative.
-    """
-    n = A.shape[0]
-    D, LT = ca.SX(n, 1), ca.SX(n, n)
-    for j in range(n):
-        column = [A[i, j] for i in range(j + 1)]
-        for i in range(j):
-            LT[i, j] = column[i] / D[i]
-            for k in range(i + 1, j):
-                column[k] -= LT[i, k] * column[i]
-            column[j] -= column[i] * LT[i, j]
-        D[j] = ca.fmax(column[j], least[j])
-    return D, LT
-
-
-@remember_locals
-def _solver(n: int) -> ca.Function:
-    """Function (A, b, least pivots) -> A^-1 b for symmetric positive definite A."""
-    A, b, least = ca.SX.sym("A", n, n), ca.SX.sym("b", n), ca.SX.sym("least", n)
-    D, LT = _ldl(A, least)
-    return ca.Function(
-        "solve", [A, b, least], [ca.ldl_solve(b, D, LT, range(n))],
-        ["A", "b", "least"], ["solution"], {"cse": True},
-    )  # fmt: skip
-
-
-@remember_locals
-def _inverse(n: int) -> ca.Function:
-    """Function (A, least pivots) -> A^-1 for symmetric positive definite A, or 1/least.
-
-    A^-1 is at most diag(1/least). Where rounding has lost it, nothing is known but that.
-    """
-    A, least = ca.SX.sym("A", n, n), ca.SX.sym("least", n)
-    D, LT = _ldl(A, least)
-    columns = ca.ldl_solve(ca.SX.eye(n), D, LT, range(n))
-    inverse = ca.densify((columns + columns.T) / 2)
-    lost = ca.logic_not(ca.mmin(ca.diag(inverse) * least <= 1 + ROUNDED))
-    known = ca.if_else(lost, ca.densify(ca.diag(1 / least)), inverse)
-    return ca.Function("inverse", [A, least], [known], ["A", "least"], ["inverse"], {"cse": True})

@@ -71,8 +71,7 @@ def controller(
             plan = f"one plan for {problem.shared} of the stages, then one for each"
         rows.append(("for each", f"{'; '.join(each)}: {plan}, the mean of their costs"))
     held = [n for n in problem.held if n not in (STRETCH, TOGETHER, *ahead, *unknown)]
-    if held:
-        rows.append(("held", ", ".join(held)))
+    rows += [("held", ", ".join(held))] if held else []
     if ahead:
         rows.append(("ahead", f"{', '.join(ahead)}: now and after each stage"))
     if unknown:

@@ -108,11 +108,9 @@ def nmpc(
     problem = replace(problem, damped=solver.damping != 0, exact=solver.hessian == "exact")
     problem = _with_end(where, problem, wish, weigh, unknown)
     ahead = _ahead(where, problem, wish, ends)
-    return Controller(
-        where, problem, controls, ends, rate, softs, weigh, tied, solver, ahead
-    ).block(
-        name, h, [driven, cost, *laws.values()], (wish.method, wish.substeps), doc_of_maker(nmpc)
-    )  # fmt: skip
+    made = Controller(where, problem, controls, ends, rate, softs, weigh, tied, solver, ahead)
+    parts, how = [driven, cost, *laws.values()], (wish.method, wish.substeps)
+    return made.block(name, h, parts, how, doc_of_maker(nmpc))
 
 
 def _laws(where: str, wish: Problem) -> dict[str, Block]:

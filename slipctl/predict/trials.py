@@ -151,9 +151,7 @@ def feasibility(
             x = ca.DM([given[n] for n in plant.states])
             following = build.column(step(x, ca.DM(u), plant_p)[0])
             given |= dict(zip(plant.states, map(float, following), strict=True))
-    sizes = [
-        abs(controller.params[n].value) for n in controller.params if n.endswith(("_lo", "_hi"))
-    ]
+    sizes = [abs(s.value) for n, s in controller.params.items() if n.endswith(("_lo", "_hi"))]
     allowed = ROUNDING * max([*sizes, 1.0])
     return Feasibility(
         starts, ticks, excess[0] <= allowed, excess, settled / (starts * ticks), broken, witness

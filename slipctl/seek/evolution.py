@@ -17,7 +17,7 @@ from slipctl.analysis.objective import (
     search_params,
 )
 from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
-from slipctl.block.signals import Output, Param, State
+from slipctl.block.signals import Output, Param, Signal, State
 from slipctl.block.text.intermediates import remember_locals
 from slipctl.errors import BadInput, check_number, check_range, check_whole
 from slipctl.seek import random as wh
@@ -87,15 +87,8 @@ def differential_evolution(
     generation = _generation(value_of, n, worse)
     best_of = _best_of(n)
 
-    x, limits = law.inputs[over], [
-        Param(law.inputs[over].unit, float(lo), "lowest", lo=-1e12, hi=1e12).named("lo"),
-        Param(law.inputs[over].unit, float(hi), "highest", lo=-1e12, hi=1e12).named("hi"),
-    ]  # fmt: skip
-    settings = [
-        Param("1", float(crossover), "probability of a trial", lo=0, hi=1).named("crossover"),
-        Param("1", 0.5, "factor in the last generation", "guess, not in the paper", lo=0.01, hi=2
-              ).named("F0"),
-    ]  # fmt: skip
+    x = law.inputs[over]
+    numbers = _numbers(x.unit, float(lo), float(hi), float(crossover))
     random = State(
         "1", wh.state_from_seed(seed), "random numbers, Wichmann-Hill", shape=(3,)
     ).named("rng")
@@ -137,16 +130,10 @@ def differential_evolution(
 
     unit = law.outputs[maximise].unit
     many = per_tick < generations
-    memory = [
-        State(x.unit, 0.0, "members", shape=(n,)).named("pop"),
-        State(unit, 0.0, "their values", shape=(n,)).named("val"),
-        State("1", 0.0, "parameters of this search", shape=(value_of.size1_in(1),)).named("at"),
-        State("1", 1.0, "generation").named("G"),
-        State(x.unit, 0.0, "best of the last search").named("place"),
-        State(unit, 0.0, "value of the last search").named("height"),
-        State("1", 0.0, "searches done").named("searches"),
-    ]
-    states, params = [random, *(memory if many else [])], [*limits, *settings]
+    states, params = (
+        [random, *(_memory(x.unit, unit, n, value_of.size1_in(1)) if many else [])],
+        numbers,
+    )
     refuse_names(where, law, [s.name for s in (*states, *params)])
     return make_block(
         "differential_evolution", "step", spread if many else whole,
@@ -161,6 +148,30 @@ def differential_evolution(
             "generations": int(generations), "per tick": int(per_tick), "seed": int(seed),
         },
     )  # fmt: skip
+
+
+def _numbers(unit: str, lo: float, hi: float, crossover: float) -> list[Signal]:
+    """Parameters of a search."""
+    return [
+        Param(unit, lo, "lowest", lo=-1e12, hi=1e12).named("lo"),
+        Param(unit, hi, "highest", lo=-1e12, hi=1e12).named("hi"),
+        Param("1", crossover, "probability of a trial", lo=0, hi=1).named("crossover"),
+        Param("1", 0.5, "factor in the last generation", "guess, not in the paper", lo=0.01, hi=2
+              ).named("F0"),
+    ]  # fmt: skip
+
+
+def _memory(place: str, value: str, n: int, known: int) -> list[Signal]:
+    """States of a search that takes several ticks, of places and values in these units."""
+    return [
+        State(place, 0.0, "members", shape=(n,)).named("pop"),
+        State(value, 0.0, "their values", shape=(n,)).named("val"),
+        State("1", 0.0, "parameters of this search", shape=(known,)).named("at"),
+        State("1", 1.0, "generation").named("G"),
+        State(place, 0.0, "best of the last search").named("place"),
+        State(value, 0.0, "value of the last search").named("height"),
+        State("1", 0.0, "searches done").named("searches"),
+    ]
 
 
 def schedule(G: Any, generations: Any, F0: Any) -> Any:

@@ -144,41 +144,45 @@ def perturbation_seek(
         return nxt, y
 
     place, value = unit_of_place, unit_of_value
+    numbers = dict(k=k, w=w, w_h=w_h, w_l=w_l) | (dict(r=r, q=q) if vanishing else dict(a=a))
     states = [
         State(place, float(start), "middle of the dither").named("th"),
         State(value, 0.0, "demodulated value").named("xi"),
         State(value, 0.0, "mean of the value").named("eta"),
         State("rad", 0.0, "phase of the dither", lo=0, hi=2 * math.pi).named("phase"),
         State("1", 0.0, "1 from the second tick on").named("awake"),
+        *[State(place, float(a), "amplitude", lo=0).named("a")][:vanishing],
     ]
-    params = [
-        Param(quotient_unit(place, f"({value}) s"), float(k), "gain", lo=-1e12, hi=1e12).named("k"),
-        Param("rad/s", float(w), "frequency of the dither", lo=1e-9, hi=1e12).named("w"),
-        Param("1/s", float(w_h), "corner of the washout", lo=1e-9, hi=1e12).named("w_h"),
-        Param("1/s", float(w_l), "corner of the low-pass", lo=1e-9, hi=1e12).named("w_l"),
-        period_of(period),
-    ]
-    if vanishing:
-        states.append(State(place, float(a), "amplitude", lo=0).named("a"))
-        params += [
-            Param(
-                quotient_unit(place, f"({value})"), float(r), "gain of the amplitude", lo=0, hi=1e12
-            ).named("r"),
-            Param("1/s", float(q), "rate of the amplitude", lo=1e-9, hi=1e12).named("q"),
-        ]
-    else:
-        params.append(
-            Param(place, float(a), "amplitude of the dither", lo=1e-12, hi=1e12).named("a")
-        )
     return make_block(
         "perturbation_seek", "step", body, period=period, states=states,
-        inputs=[Input(value, "measured value").named("y")], params=params,
+        inputs=[Input(value, "measured value").named("y")],
+        params=_dither_numbers(place, value, period, numbers),
         outputs=[Output(place, "place to try").named("v"),
                  Output(place, "middle of the dither").named("theta"),
                  Output(value, "demodulated value").named("slope"),
                  Output(place, "amplitude of the dither").named("amplitude")],
         doc=doc_of_maker(perturbation_seek), choices={"dither": dither},
     )  # fmt: skip
+
+
+def _dither_numbers(
+    place: str, value: str, period: float, numbers: Mapping[str, float]
+) -> list[Signal]:
+    """Parameters of a dither with these numbers, for a place and a value in these units."""
+    known = {
+        "k": (quotient_unit(place, f"({value}) s"), "gain", -1e12),
+        "w": ("rad/s", "frequency of the dither", 1e-9),
+        "w_h": ("1/s", "corner of the washout", 1e-9),
+        "w_l": ("1/s", "corner of the low-pass", 1e-9),
+        "r": (quotient_unit(place, f"({value})"), "gain of the amplitude", 0),
+        "q": ("1/s", "rate of the amplitude", 1e-9),
+        "a": (place, "amplitude of the dither", 1e-12),
+    }
+    found = [
+        Param(known[n][0], float(v), known[n][1], lo=known[n][2], hi=1e12).named(n)
+        for n, v in numbers.items()
+    ]
+    return [*found[:4], period_of(period), *found[4:]]
 
 
 def demodulate(x: Exprs, y: Any, p: Exprs) -> tuple[Any, Exprs]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs, doc_of_maker, make_block
-from slipctl.block.signals import Input, Output, Param, State
+from slipctl.block.signals import Input, Output, Param, Signal, State
 from slipctl.certify import extremum as bounds
 from slipctl.seek.extremum import (
     demodulate,
@@ -83,108 +84,118 @@ def locking_seek(
             the filters or too fast for the period. Numbers that are not positive.
     """
     where = "locking_seek"
-    positive(
-        where, period=period, k=k, rho=rho, beta=beta, planes=planes, gain=gain, a=a, w=w, w_h=w_h,
-        w_l=w_l, r=r, q=q, reach=reach, tolerance=tolerance, forget=forget, wait=wait,
-    )  # fmt: skip
+    given = dict(k=k, rho=rho, beta=beta, planes=planes, gain=gain, a=a, w=w, w_h=w_h, w_l=w_l,
+                 r=r, q=q, reach=reach, tolerance=tolerance, forget=forget, wait=wait)  # fmt: skip
+    positive(where, period=period, **given)
     bounds.check_sampling(where, beta, rho, period)
     bounds.check_dither(where, w, w_h, w_l, period)
     if steepest is not None:
         warn_regime(where, k, rho, steepest)
 
-    def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        T, y, beta = p["T"], u["y"], p["beta"]
-        waiting, sliding = x["mode"] < 0.5, ca.fabs(x["mode"] - SLIDE) < 0.5
-        begins = ca.logic_and(waiting, x["age"] >= p["wait"])
-
-        delta = y - x["g"]
-        side = ca.if_else(ca.sin(math.pi * delta / beta) >= 0, 1, -1)
-        turned = ca.if_else(side * x["side"] < 0, x["v"], x["turn"])
-        locks = ca.logic_and(sliding, delta < -p["planes"] * beta)  # floor(delta_0/beta) = 0
-
-        wave, dither = demodulate(x, y, p)
-        climbed = ca.fabs(x["v"] - x["turn"]) > p["reach"]
-        off = ca.fabs(y - x["kept"]) > p["tolerance"] * ca.fabs(x["kept"])
-        locked = ca.logic_not(ca.logic_or(waiting, sliding))
-        opens = ca.logic_and(locked, ca.logic_or(off, climbed))
-
-        def by_mode(in_wait: Any, in_slide: Any, in_lock: Any) -> Any:
-            return ca.if_else(waiting, in_wait, ca.if_else(sliding, in_slide, in_lock))
-
-        middle = (x["v"] + x["turn"]) / 2
-        slid = ca.if_else(locks, middle, x["v"] + T * p["k"] * side)
-        nxt = {
-            "mode": by_mode(
-                ca.if_else(begins, SLIDE, WAIT), ca.if_else(locks, LOCK, SLIDE),
-                ca.if_else(opens, WAIT, LOCK),
-            ),
-            "age": ca.if_else(waiting, x["age"] + T, 0),
-            "v": by_mode(x["v"], slid, x["v"] + T * p["gain"] * x["xi"]),
-            "g": by_mode(y - beta / 2, x["g"] + T * p["rho"], x["g"]),
-            "side": by_mode(0, side, 0),
-            "turn": by_mode(x["v"], ca.if_else(locks, middle, turned), x["turn"]),
-            "xi": by_mode(0, 0, dither["xi"]),
-            "eta": by_mode(y, y, dither["eta"]),
-            "phase": by_mode(0, 0, dither["phase"]),
-            "a": by_mode(0, p["a_0"], next_amplitude(x, p)),
-            "kept": by_mode(y, y, x["kept"] + T * p["forget"] * (y - x["kept"])),
-        }  # fmt: skip
-        amplitude = ca.if_else(locked, x["a"], 0)
-        place = x["v"] + amplitude * wave
-        return nxt, {
-            "v": place, "delta": delta, "mode": x["mode"], "amplitude": amplitude,
-            "kept": x["kept"],
-        }  # fmt: skip
-
     place, value = unit_of_place, unit_of_value
     return make_block(
-        where, "step", body, period=period,
-        states=[
-            State("1", 0.0, "0 waiting, 1 sliding, 2 locked").named("mode"),
-            State("s", 0.0, "time waited").named("age"),
-            State(place, float(start), "place, or middle of the dither").named("v"),
-            State(value, 0.0, "target of the value").named("g"),
-            State("1", 0.0, "direction of the last tick").named("side"),
-            State(place, float(start), "place of the last turn, or of the lock").named("turn"),
-            State(value, 0.0, "demodulated value").named("xi"),
-            State(value, 0.0, "mean of the value").named("eta"),
-            State("rad", 0.0, "phase of the dither", lo=0, hi=2 * math.pi).named("phase"),
-            State(place, 0.0, "amplitude of the dither", lo=0).named("a"),
-            State(value, 0.0, "locked value").named("kept"),
-        ],
+        where, "step", _tick, period=period,
+        states=_states(place, value, float(start)),
         inputs=[Input(value, "measured value").named("y")],
-        params=[
-            Param(quotient_unit(place, "s"), float(k), "rate of the place", lo=1e-12,
-                  hi=1e12).named("k"),
-            Param(quotient_unit(value, "s"), float(rho), "rate of the target", lo=1e-12,
-                  hi=1e12).named("rho"),
-            Param(value, float(beta), "width of a cell", lo=1e-12, hi=1e12).named("beta"),
-            Param("1", float(planes), "cells fallen through before the lock", lo=1,
-                  hi=1e12).named("planes"),
-            Param(quotient_unit(place, f"({value}) s"), float(gain), "gain of the dither", lo=-1e12,
-                  hi=1e12).named("gain"),
-            Param(place, float(a), "amplitude of the dither at the lock", lo=0,
-                  hi=1e12).named("a_0"),
-            Param("rad/s", float(w), "frequency of the dither", lo=1e-9, hi=1e12).named("w"),
-            Param("1/s", float(w_h), "corner of the washout", lo=1e-9, hi=1e12).named("w_h"),
-            Param("1/s", float(w_l), "corner of the low-pass", lo=1e-9, hi=1e12).named("w_l"),
-            Param(quotient_unit(place, f"({value})"), float(r), "gain of the amplitude", lo=0,
-                  hi=1e12).named("r"),
-            Param("1/s", float(q), "rate of the amplitude", lo=1e-9, hi=1e12).named("q"),
-            Param(place, float(reach), "climb that opens the lock", lo=0, hi=1e12).named("reach"),
-            Param("1", float(tolerance), "departure that opens the lock", lo=0,
-                  hi=1e12).named("tolerance"),
-            Param("1/s", float(forget), "rate of the locked value", lo=0, hi=1e12).named("forget"),
-            Param("s", float(wait), "time between opening and sliding", lo=0,
-                  hi=1e12).named("wait"),
-            period_of(period),
-        ],
-        outputs=[
-            Output(place, "place to try").named("v"),
-            Output(value, "value less target").named("delta"),
-            Output("1", "0 waiting, 1 sliding, 2 locked").named("mode"),
-            Output(place, "amplitude of the dither").named("amplitude"),
-            Output(value, "locked value").named("kept"),
-        ],
+        params=[*_numbers(place, value, **given), period_of(period)],
+        outputs=_outputs(place, value),
         doc=doc_of_maker(locking_seek), choices={"steepest": steepest},
     )  # fmt: skip
+
+
+def _tick(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+    """Next states and outputs: one of the modes, or from one to another."""
+    T, y, beta = p["T"], u["y"], p["beta"]
+    waiting, sliding = x["mode"] < 0.5, ca.fabs(x["mode"] - SLIDE) < 0.5
+    begins = ca.logic_and(waiting, x["age"] >= p["wait"])
+
+    delta = y - x["g"]
+    side = ca.if_else(ca.sin(math.pi * delta / beta) >= 0, 1, -1)
+    turned = ca.if_else(side * x["side"] < 0, x["v"], x["turn"])
+    locks = ca.logic_and(sliding, delta < -p["planes"] * beta)  # floor(delta_0/beta) = 0
+
+    wave, dither = demodulate(x, y, p)
+    climbed = ca.fabs(x["v"] - x["turn"]) > p["reach"]
+    off = ca.fabs(y - x["kept"]) > p["tolerance"] * ca.fabs(x["kept"])
+    locked = ca.logic_not(ca.logic_or(waiting, sliding))
+    opens = ca.logic_and(locked, ca.logic_or(off, climbed))
+
+    def by_mode(in_wait: Any, in_slide: Any, in_lock: Any) -> Any:
+        return ca.if_else(waiting, in_wait, ca.if_else(sliding, in_slide, in_lock))
+
+    middle = (x["v"] + x["turn"]) / 2
+    slid = ca.if_else(locks, middle, x["v"] + T * p["k"] * side)
+    nxt = {
+        "mode": by_mode(
+            ca.if_else(begins, SLIDE, WAIT), ca.if_else(locks, LOCK, SLIDE),
+            ca.if_else(opens, WAIT, LOCK),
+        ),
+        "age": ca.if_else(waiting, x["age"] + T, 0),
+        "v": by_mode(x["v"], slid, x["v"] + T * p["gain"] * x["xi"]),
+        "g": by_mode(y - beta / 2, x["g"] + T * p["rho"], x["g"]),
+        "side": by_mode(0, side, 0),
+        "turn": by_mode(x["v"], ca.if_else(locks, middle, turned), x["turn"]),
+        "xi": by_mode(0, 0, dither["xi"]),
+        "eta": by_mode(y, y, dither["eta"]),
+        "phase": by_mode(0, 0, dither["phase"]),
+        "a": by_mode(0, p["a_0"], next_amplitude(x, p)),
+        "kept": by_mode(y, y, x["kept"] + T * p["forget"] * (y - x["kept"])),
+    }  # fmt: skip
+    amplitude = ca.if_else(locked, x["a"], 0)
+    place = x["v"] + amplitude * wave
+    return nxt, {
+        "v": place, "delta": delta, "mode": x["mode"], "amplitude": amplitude,
+        "kept": x["kept"],
+    }  # fmt: skip
+
+
+def _states(place: str, value: str, start: float) -> list[Signal]:
+    """States, of a place and a value in these units."""
+    return [
+        State("1", 0.0, "0 waiting, 1 sliding, 2 locked").named("mode"),
+        State("s", 0.0, "time waited").named("age"),
+        State(place, start, "place, or middle of the dither").named("v"),
+        State(value, 0.0, "target of the value").named("g"),
+        State("1", 0.0, "direction of the last tick").named("side"),
+        State(place, start, "place of the last turn, or of the lock").named("turn"),
+        State(value, 0.0, "demodulated value").named("xi"),
+        State(value, 0.0, "mean of the value").named("eta"),
+        State("rad", 0.0, "phase of the dither", lo=0, hi=2 * math.pi).named("phase"),
+        State(place, 0.0, "amplitude of the dither", lo=0).named("a"),
+        State(value, 0.0, "locked value").named("kept"),
+    ]
+
+
+def _numbers(place: str, value: str, **given: float) -> list[Signal]:
+    """Parameters with the numbers given, for a place and a value in these units."""
+    rate, gain = quotient_unit(place, "s"), quotient_unit(place, f"({value}) s")
+    found = [
+        Param(rate, None, "rate of the place", lo=1e-12).named("k"),
+        Param(quotient_unit(value, "s"), None, "rate of the target", lo=1e-12).named("rho"),
+        Param(value, None, "width of a cell", lo=1e-12).named("beta"),
+        Param("1", None, "cells fallen through before the lock", lo=1).named("planes"),
+        Param(gain, None, "gain of the dither", lo=-1e12).named("gain"),
+        Param(place, None, "amplitude of the dither at the lock", lo=0).named("a_0"),
+        Param("rad/s", None, "frequency of the dither", lo=1e-9).named("w"),
+        Param("1/s", None, "corner of the washout", lo=1e-9).named("w_h"),
+        Param("1/s", None, "corner of the low-pass", lo=1e-9).named("w_l"),
+        Param(quotient_unit(place, f"({value})"), None, "gain of the amplitude", lo=0).named("r"),
+        Param("1/s", None, "rate of the amplitude", lo=1e-9).named("q"),
+        Param(place, None, "climb that opens the lock", lo=0).named("reach"),
+        Param("1", None, "departure that opens the lock", lo=0).named("tolerance"),
+        Param("1/s", None, "rate of the locked value", lo=0).named("forget"),
+        Param("s", None, "time between opening and sliding", lo=0).named("wait"),
+    ]
+    given = given | {"a_0": given["a"]}
+    return [replace(s, value=float(given[s.name]), hi=1e12) for s in found]
+
+
+def _outputs(place: str, value: str) -> list[Signal]:
+    """Outputs, of a place and a value in these units."""
+    return [
+        Output(place, "place to try").named("v"),
+        Output(value, "value less target").named("delta"),
+        Output("1", "0 waiting, 1 sliding, 2 locked").named("mode"),
+        Output(place, "amplitude of the dither").named("amplitude"),
+        Output(value, "locked value").named("kept"),
+    ]

@@ -2,6 +2,7 @@
 
 import cmath
 import math
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -395,3 +396,28 @@ def test_a_block_says_of_itself_what_its_maker_says_without_the_arguments() -> N
     seek = differential_evolution(subway.double_exponential, "v_s", lo=0.01, hi=10.0)
     assert seek.doc
     assert "Args:" not in seek.doc
+
+
+@step(period=0.1, y=Output("1", "doubled", safe=1.0, lo=-9, hi=9))
+def doubling(u=Input("1", "given"), k=Param("1", 2.0, "gain", lo=0, hi=5)):
+    """A gain."""
+    return {}, dict(y=k * u)
+
+
+def test_numbers_that_are_asked_for_are_the_asker_s_own() -> None:
+    found = doubling.param_values()
+    found["k"] += 1.0
+    assert doubling.param_values()["k"] == 2.0
+    other = doubling.with_params(k=3.0)
+    assert (other.param_values()["k"], doubling.param_values()["k"]) == (3.0, 2.0)
+
+
+def test_a_signal_is_checked_anew_where_its_number_or_range_is_another() -> None:
+    k, u, y = doubling.params["k"], doubling.inputs["u"], doubling.outputs["y"]
+    body = doubling.expr
+    Block("again", "step", body, [u, k.named("k"), y], period=0.1)
+    for wrong in (k.valued(7.0), replace(k, lo=3.0)):
+        with pytest.raises(BadInput, match="out of range"):
+            Block("again", "step", body, [u, wrong, y], period=0.1)
+    with pytest.raises(BadInput, match="safe value"):
+        Block("again", "step", body, [u, k, replace(y, safe=10.0)], period=0.1)

@@ -27,7 +27,7 @@ from slipctl import (
     misfit_search,
 )  # fmt: skip
 from slipctl.block.block import Block
-from slipctl.estimate import misfit, noise_weights, peak, window
+from slipctl.estimate import gauss_newton, misfit, noise_weights, peak, window
 from slipctl.estimate.identification import swarm_fit
 from slipctl.estimate.kalman.filters import ctukf, ekf, lipschitz, observability
 from slipctl.estimate.least_squares import opened, peak_bound, probe, rls
@@ -207,7 +207,7 @@ RESULTS: dict[str, Callable[[], Any]] = {
     "rotation": lambda: of(misfit.rotation(3)), "solution": lambda: of(misfit.solution(3)),
     "sums": lambda: of(noise_weights.white_sums(MODEL(), 5)),
     "sums with an echo": lambda: [of(f) for f in noise_weights.echoing_sums(MODEL(), 5, 0.6)],
-    "solver": lambda: [of(window._solver(3)), of(window._inverse(3))],
+    "solver": lambda: [of(gauss_newton.solver(3)), of(gauss_newton.inverse(3))],
     "peak gradient": lambda: of(
         peak.peak_gradient(double_exponential, "v_s", "mu", ("c", "a", "b"))),
     "observability": lambda: observability(

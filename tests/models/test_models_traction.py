@@ -7,7 +7,8 @@ from hypothesis import settings
 
 from slipctl import BadInput, Input, Output, Param, Rail, Scenario, Section, connect, law, simulate
 from slipctl.models.wang_2025 import hst_traction as hst
-from slipctl.models.wheel_rail.axles import Axles, _axle, rolling
+from slipctl.models.wheel_rail.axle_forces import axle_at_speed
+from slipctl.models.wheel_rail.axles import Axles, rolling
 from slipctl.models.wheel_rail.contact import SURFACES, polach
 
 
@@ -298,7 +299,7 @@ def test_target_that_motors_and_brakes_cannot_follow_is_refused():
 
 def test_an_axle_settles_as_newton_does():
     """Its creep after 24 updates: to rounding; 24 halvings of an interval leave 6e-8 of it."""
-    axle = _axle(polach, list(polach.params))[24]
+    axle = axle_at_speed(polach, list(polach.params))[24]
     values = [float(v) for v in polach.param_values().values()]
     rng, N, left = np.random.default_rng(1), 6e4, []
     for _ in range(200):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -119,58 +120,21 @@ _COUNTED = """#ifdef ON_BOARD
 """
 
 
-def compared_bits(real: str) -> int:
-    """Bits of the status that are compared: in float, a limit may be met in another tick."""
-    return sum(v for _, v, _ in STATUS) - (bit("LIMITED") if real == "float" else 0)
-
-
-def test_program(plan: Plan) -> str:
-    """Text of the program that replays the vectors and compares."""
-    n, lay, big = plan.name, plan.layout, plan.layout.big
-    compared = [*lay.outputs, *lay.states]
-    names = ",\n".join(f'    {{"{ascii_text(m.name)}", {m.size}}}' for m in compared)
-    n_in, n_param, n_out, n_state = (
-        sum(m.size for m in g) for g in (lay.inputs, lay.params, lay.outputs, lay.states)
-    )
-    take_in = take_param = ""
-    if n_in:
-        take_in = "        rounded(row, raw, N_IN);\n        copied(&in, raw, sizeof(in));\n"
-    if n_param:
-        take_param = "    rounded(row, raw, N_PARAM);\n    copied(&param, raw, sizeof(param));\n"
-    give_state = (
-        "        copied(&raw[N_OUT], &state, (size_t)N_STATE * sizeof(real));\n" if n_state else ""
-    )
-    sizes = "".join(
-        f"typedef char {w}_has_no_gaps[(sizeof({n}_{w}) == {size} * sizeof(real)) ? 1 : -1];\n"
-        for w, size in (("in", n_in), ("param", n_param), ("out", n_out))
-        if size
-    )
-    ends = [plan.limits(m) for m in lay.inputs for _ in range(m.size)]
-    beyond = sum(math.isfinite(v) for pair in ends for v in pair)
-    guards = guard_trial.spoilt_inputs(plan) if n_in else ""
-    table = guard_trial.input_ranges(ends, plan.judged) if n_in else ""
-    count = guard_trial.guarded_count(plan)
-    held = "N_GUARDED" if count else "N_IN"
-    first_held = "the first input" + (" of the guard" if count else "")
-    same = _SAME if n_in else f"#ifndef ON_BOARD\n{_SAME.rstrip()}\n#endif\n\n"
-    mask = f"{compared_bits(plan.real)}U"
-    begun = copy = compared_so = ""
-    stepped = _STEP.format(n=n) + _pieces(plan)
-    if plan.rates:
-        begun = f"""#ifndef ON_BOARD
+_BEGUN = """#ifndef ON_BOARD
     static {n}_state pieces; /* stepped rate by rate */
     static {n}_out out_pieces;
     int got_pieces;
     int differently = 0;
 #endif
 """
-        copy = "#ifndef ON_BOARD\n    pieces = state;\n#endif\n"
-        compared_so = """#ifndef ON_BOARD
+
+_COMPARED = """#ifndef ON_BOARD
     (void)printf("stepped rate by rate: %d ticks differ\\n", differently);
     wrong += differently;
 #endif
 """
-    return f"""{head(plan, f"test_{n}.c")}
+
+_PROGRAM = """{head}
 
 /* Back to back: replay recorded inputs, carry the state here, compare with the recorded outputs,
  * states and status of the Python model. Exit code 0 when all agree.
@@ -195,20 +159,20 @@ def test_program(plan: Plan) -> str:
 #define N_PARAM {n_param}
 #define N_OUT {n_out}
 #define N_STATE {n_state}
-#define N_SIGNALS {len(compared)}
-#define N_LIMITS {2 * len(compared)}
-#define N_ENDS {beyond} /* finite ends of the ranges of inputs */
-{count}#define N_TICK {n_in + n_out + n_state + 1} /* numbers of one tick; the last is the status */
-#define N_ROW {n_in + n_out + n_state + n_param + 1}
-#define STALE {guard_trial.stale_ticks(plan)} /* ticks that {first_held} is held */
+#define N_SIGNALS {n_signals}
+#define N_LIMITS {n_limits}
+#define N_ENDS {n_ends} /* finite ends of the ranges of inputs */
+{guarded}#define N_TICK {n_tick} /* numbers of one tick; the last is the status */
+#define N_ROW {n_row}
+#define STALE {stale} /* ticks that {first_held} is held */
 #define COMPARED {mask} /* bits of the status */
 #ifdef ON_BOARD
-#define ENOUGH {ENOUGH!r} /* instructions of all steps after which a board stops, */
-#define AT_LEAST {AT_LEAST} /* but not before so many ticks */
+#define ENOUGH {enough} /* instructions of all steps after which a board stops, */
+#define AT_LEAST {at_least} /* but not before so many ticks */
 #endif
-#define CONTENT "{CONTENT}"
+#define CONTENT "{content}"
 
-typedef {plan.real} real;
+typedef {real} real;
 
 {sizes}
 static const struct {{
@@ -242,7 +206,7 @@ static void copied(void *to, const void *from, size_t n)
 #ifndef ON_BOARD
 static int in_binary(FILE *file, FILE *copy, int ticks)
 {{
-    long left = {n_param + 2 * len(compared)}L + ((long)ticks * N_TICK);
+    long left = {n_first}L + ((long)ticks * N_TICK);
     double x = 0.0;
     (void)fprintf(copy, "slipctl-vectors 3 {n} " CONTENT " binary %d %d %d\\n", N_PARAM, N_SIGNALS,
             ticks);
@@ -255,19 +219,19 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
 }}
 #endif
 
-{same}{_ROUNDED if n_in or n_param else ""}{misuse(plan)}{_MAIN}
+{same}{rounded}{misuse}{main}
 {{
     static double row[N_ROW];
     static real raw[N_ROW];
     static double limits[N_LIMITS]; /* largest difference; 1 if only of the envelope */
     static double worst[N_SIGNALS];
     static double largest[N_SIGNALS];
-    static double ends[{n_out + n_state}][4]; /* least wanted and got, greatest wanted and got */
+    static double ends[{n_answers}][4]; /* least wanted and got, greatest wanted and got */
     static {n}_in in;
     static {n}_param param;
     static {n}_state state;
     static {n}_out out;
-{begun}{_PATH}    FILE *file = fopen(path, "rb");
+{begun}{path}    FILE *file = fopen(path, "rb");
     char line[200] = {{0}};
     char content[64] = {{0}};
     char form[64] = {{0}};
@@ -305,7 +269,7 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
         return 2;
     }}
     binary = (strcmp(form, "binary") == 0);
-{_COPY}    if (!numbers(file, row, N_PARAM) || !numbers(file, limits, N_LIMITS)) {{
+{in_binary}    if (!numbers(file, row, N_PARAM) || !numbers(file, limits, N_LIMITS)) {{
         (void)printf("%s has no parameters and limits\\n", path);
         return 2;
     }}
@@ -314,7 +278,7 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
         (void)printf("init refuses the parameters\\n");
         return 1;
     }}
-{copy}{_EMPTY}    for (tick = 0; tick < ticks; ++tick) {{
+{copy}{empty}    for (tick = 0; tick < ticks; ++tick) {{
         int signal;
         if (!numbers(file, row, N_TICK)) {{
             (void)printf("%s ends at tick %d\\n", path, tick);
@@ -339,7 +303,7 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
                 ++at;
             }}
         }}
-{_ENOUGH}    }}
+{enough_of_it}    }}
     (void)fclose(file);
     (void)printf("%-32s %12s %12s %12s\\n", "signal", "difference", "relative", "limit");
     at = 0;
@@ -359,14 +323,96 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
         most = (envelope || (relative <= most)) ? most : relative;
         wrong += (most_of <= limits[2 * k]) ? 0 : 1;
     }}
-{guards}{_MISUSE}{compared_so}    (void)printf("%d ticks, %d faults, ", ticks, faults);
+{guards}{misuses}{compared_so}    (void)printf("%d ticks, %d faults, ", ticks, faults);
     (void)printf("%d of %d inputs are held when NaN, %d of %d beyond their ends, ", refused, {held},
            held, N_ENDS);
     (void)printf("largest relative difference %.3g\\n", most);
-{_COUNTED}    guarded = (ticks == 0) || (still && (refused == {held}) && (held == N_ENDS));
+{counted}    guarded = (ticks == 0) || (still && (refused == {held}) && (held == N_ENDS));
     return ((wrong == 0) && (faults == 0) && (misuses == 0) && guarded) ? 0 : 1;
 }}
 """
+
+
+def compared_bits(real: str) -> int:
+    """Bits of the status that are compared: in float, a limit may be met in another tick."""
+    return sum(v for _, v, _ in STATUS) - (bit("LIMITED") if real == "float" else 0)
+
+
+def test_program(plan: Plan) -> str:
+    """Text of the program that replays the vectors and compares."""
+    return _PROGRAM.format(**_counts(plan), **_declarations(plan), **_statements(plan))
+
+
+def _counts(plan: Plan) -> dict[str, Any]:
+    """Numbers and names in the program: of the members of each struct, of a row of the vectors."""
+    lay = plan.layout
+    n_in, n_param, n_out, n_state = (
+        sum(m.size for m in g) for g in (lay.inputs, lay.params, lay.outputs, lay.states)
+    )
+    n_signals = len(lay.outputs) + len(lay.states)
+    ends = _ends(plan)
+    return {
+        "n": plan.name, "big": lay.big, "real": plan.real, "content": CONTENT,
+        "enough": repr(ENOUGH), "at_least": AT_LEAST, "mask": f"{compared_bits(plan.real)}U",
+        "stale": guard_trial.stale_ticks(plan), "n_in": n_in, "n_param": n_param,
+        "n_out": n_out, "n_state": n_state, "n_signals": n_signals, "n_limits": 2 * n_signals,
+        "n_ends": sum(math.isfinite(v) for pair in ends for v in pair),
+        "n_tick": n_in + n_out + n_state + 1, "n_row": n_in + n_out + n_state + n_param + 1,
+        "n_answers": n_out + n_state, "n_first": n_param + 2 * n_signals,
+    }  # fmt: skip
+
+
+def _ends(plan: Plan) -> list[Any]:
+    """Ends of the range of each number that the module is given."""
+    return [plan.limits(m) for m in plan.layout.inputs for _ in range(m.size)]
+
+
+def _declarations(plan: Plan) -> dict[str, str]:
+    """What stands before ``main``: tables of names and ranges, and what compares and spoils."""
+    n, lay = plan.name, plan.layout
+    structs = {"in": lay.inputs, "param": lay.params, "out": lay.outputs}
+    widths = {w: sum(m.size for m in members) for w, members in structs.items()}
+    given = bool(lay.inputs)
+    return {
+        "head": head(plan, f"test_{n}.c"),
+        "names": ",\n".join(
+            f'    {{"{ascii_text(m.name)}", {m.size}}}' for m in (*lay.outputs, *lay.states)
+        ),
+        "sizes": "".join(
+            f"typedef char {w}_has_no_gaps[(sizeof({n}_{w}) == {size} * sizeof(real)) ? 1 : -1];\n"
+            for w, size in widths.items() if size
+        ),
+        "table": guard_trial.input_ranges(_ends(plan), plan.judged) if given else "",
+        "guarded": guard_trial.guarded_count(plan),
+        "same": _SAME if given else f"#ifndef ON_BOARD\n{_SAME.rstrip()}\n#endif\n\n",
+        "rounded": _ROUNDED if given or lay.params else "", "misuse": misuse(plan), "main": _MAIN,
+    }  # fmt: skip
+
+
+def _statements(plan: Plan) -> dict[str, str]:
+    """What ``main`` does only where the module has inputs, numbers, states, guards or rates."""
+    n, lay, guarded = plan.name, plan.layout, guard_trial.guarded_count(plan)
+    of_state = "        copied(&raw[N_OUT], &state, (size_t)N_STATE * sizeof(real));\n"
+    return {
+        "take_in": _taken("in", 8) if lay.inputs else "",
+        "take_param": _taken("param", 4) if lay.params else "",
+        "give_state": of_state if lay.states else "",
+        "begun": _BEGUN.format(n=n) if plan.rates else "",
+        "copy": "#ifndef ON_BOARD\n    pieces = state;\n#endif\n" if plan.rates else "",
+        "compared_so": _COMPARED if plan.rates else "",
+        "stepped": _STEP.format(n=n) + _pieces(plan),
+        "guards": guard_trial.spoilt_inputs(plan) if lay.inputs else "",
+        "held": "N_GUARDED" if guarded else "N_IN",
+        "first_held": "the first input" + (" of the guard" if guarded else ""),
+        "path": _PATH, "in_binary": _COPY, "empty": _EMPTY, "enough_of_it": _ENOUGH,
+        "misuses": _MISUSE, "counted": _COUNTED,
+    }  # fmt: skip
+
+
+def _taken(struct: str, deep: int) -> str:
+    """Statements that take the numbers of a row into a struct."""
+    rows = (f"rounded(row, raw, N_{struct.upper()});", f"copied(&{struct}, raw, sizeof({struct}));")
+    return "".join(f"{' ' * deep}{row}\n" for row in rows)
 
 
 def _pieces(plan: Plan) -> str:

@@ -146,16 +146,7 @@ def lipschitz(
     symbols = problem.symbols()
     point = _point(problem, at)
     ranges = _ranges(problem, over, symbols)
-    rates, increments = problem.rates(symbols)
-    if of == "states":
-        of_what = {s.name: per_second(s.unit) for s in problem.unknown if s.role == "state"}
-        results = [v for s, v in zip(problem.unknown, rates, strict=True) if s.name in of_what]
-    else:
-        of_what = {s.name: per_second(s.unit) for s in problem.increments}
-        of_what |= {s.name: s.unit for s in problem.direct}
-        results = [*increments, *problem.outputs(symbols)]
-    if not results:
-        raise BadInput(f"{problem.who}: no unknown is a state, so there are no state equations")
+    of_what, results = _results(problem, symbols, of)
     sizes = by_name(problem.who, "scale_of", _all(scale_of, of_what), of_what, "positive")
     unknown = [s.name for s in problem.unknown]
     x = ca.vertcat(*(symbols[n] for n in unknown))
@@ -192,6 +183,21 @@ def lipschitz(
         boxes += low.boxes + high.boxes
     method = f"interval arithmetic on the exact Jacobian, {boxes} boxes"
     return Lipschitz(whole.bound, whole.reached, slopes, method)
+
+
+def _results(problem: Problem, symbols: Mapping[str, Any], of: str) -> tuple[dict[str, str], Any]:
+    """Units by name of what has a Lipschitz constant, and its expressions."""
+    rates, increments = problem.rates(symbols)
+    if of == "states":
+        of_what = {s.name: per_second(s.unit) for s in problem.unknown if s.role == "state"}
+        results = [v for s, v in zip(problem.unknown, rates, strict=True) if s.name in of_what]
+    else:
+        of_what = {s.name: per_second(s.unit) for s in problem.increments}
+        of_what |= {s.name: s.unit for s in problem.direct}
+        results = [*increments, *problem.outputs(symbols)]
+    if not results:
+        raise BadInput(f"{problem.who}: no unknown is a state, so there are no state equations")
+    return of_what, results
 
 
 MOST = 20_000

@@ -107,16 +107,7 @@ def sweep(
         loop, scenario, signals or Signals(), dict(known or {}), tuple(logs), compile, world,
         plan.size,
     )  # fmt: skip
-    told = {
-        **(about or {}),
-        "scenario": scenario.name, "vary": [a.told() for a in plan.axes], "design": design,
-        "seed": seed, "logs": list(logs), "samples": plan.samples,
-        **machine.versions(), "machine": platform.machine(), "processor": machine.processor(),
-        "equations": hashlib.sha256(loop.f.serialize().encode()).hexdigest(),
-        "numbers": run.fingerprint(), "period_s": loop.period,
-        "log_units": {s.name: s.unit for s in loop.signals if s.name in logs},
-        **({"ensemble": world.ensemble.told()} if world else {}),
-    }  # fmt: skip
+    told = _agreed(run, plan, seed, design, about)
     kept = sweep_store.begin(Path(out), told, mixed=mixed)
     try:
         done = kept.done()
@@ -131,6 +122,22 @@ def sweep(
     finally:
         kept.close()
     return open_sweep(out)
+
+
+def _agreed(
+    run: Measured, plan: Plan, seed: int, design: str, about: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """What a store of this sweep has to agree in."""
+    return {
+        **(about or {}),
+        "scenario": run.scenario.name, "vary": [a.told() for a in plan.axes], "design": design,
+        "seed": seed, "logs": list(run.logs), "samples": plan.samples,
+        **machine.versions(), "machine": platform.machine(), "processor": machine.processor(),
+        "equations": hashlib.sha256(run.loop.f.serialize().encode()).hexdigest(),
+        "numbers": run.fingerprint(), "period_s": run.loop.period,
+        "log_units": {s.name: s.unit for s in run.loop.signals if s.name in run.logs},
+        **({"ensemble": run.world.ensemble.told()} if run.world else {}),
+    }  # fmt: skip
 
 
 def _run_all(
