@@ -61,6 +61,7 @@ def study(tmp_path, monkeypatch):
     return resolve.load_study("t.toml")
 
 
+@pytest.mark.second
 def test_every_certificate_is_asked_at_the_period_of_the_controllers(study):
     """The plant ticks each millisecond; a sentence about that tick would be of another loop."""
     told = {g.name: g.numbers(Request.of(study, g.loop, []).chosen[0]) for g in study.gains}
@@ -68,6 +69,7 @@ def test_every_certificate_is_asked_at_the_period_of_the_controllers(study):
     assert {float(n["T"]) for n in told.values()} == {0.01}
 
 
+@pytest.mark.second
 def test_axle_is_the_differential_equation_and_a_command_acts_within_a_tick(study):
     """A dead time of 2.4 ticks: the command of 3 ticks ago acts for 4 ms, the next one for 6."""
     loop = Request.of(study, "pid", []).chosen[0]
