@@ -196,7 +196,7 @@ class _Asked:
         found = {
             "W": assumed.push + self._others(n) * most, "noise": assumed.noise,
             "force": assumed.error * force if hears_force(law) else 0.0,
-            "lag": lag, "dead": act.dead_time, "T": float(loop.period or 0.001),
+            "lag": lag, "dead": act.dead_time, "T": self.trip.control.period,
             "v": self.over.speed, "least": least, "most": most, "goal": self.goal,
             "band": assumed.tube * self.goal, "off": assumed.off,
         }  # fmt: skip
@@ -249,7 +249,7 @@ class _AskedModes(_Asked):
         top = float(np.max(now.get("ctl.apply.T_max", self.trip.actuator.torque)))
         return {
             "W": assumed.push + self._others(n) * most, "noise": assumed.noise,
-            "dead": self.trip.actuator.dead_time, "T": float(loop.period or 0.001),
+            "dead": self.trip.actuator.dead_time, "T": self.trip.control.period,
             "least": least, "most": most, "v": self.over.speed,
             "demand": min(self._demand(n), top),
             "band": self.over.speed if assumed.slip is None else assumed.slip,

@@ -6,15 +6,17 @@ is
     s' = (r/J) T - h D(s) - a + w,   D = (r^2/J + n_w/M) mu(s) M g/n
     tau T' = T_cmd(dead time ago) - T
 
-at one speed, one step of RK4 a tick. h is the height of the adhesion curve over that of the file,
-w a push. The controller sees the slip with a noise n, and is told an adhesion force that is wrong
-by f. The reference stands still.
+at one speed, by steps of RK4 within a tick of the controller. h is the height of the adhesion curve
+over that of the file, w a push. The controller sees the slip with a noise n, and is told an
+adhesion force that is wrong by f. The reference stands still.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -37,6 +39,9 @@ SETTLING = 500
 MOST_DEAD = 200
 """Most ticks of a dead time."""
 
+LONGEST = 0.005
+"""Longest step in s of the axle within a tick of the controller."""
+
 
 class AxleTick:
     """Makes the tick of a controller and its axle, of numbers.
@@ -54,7 +59,7 @@ class AxleTick:
         self.trip, self.part, self.goal, self.steady = trip, part, goal, steady
         self.falls, self.given = falls, dict(given)
         now = loop.values_by_place()
-        self.period = float(loop.period or 0.001)
+        self.period = trip.control.period
         self.law = loop_law(trip, part, loop)
         self.lead = float(np.max(now.get("ctl.apply.lead", 1.0)))
         self.T_max = float(np.max(now.get("ctl.apply.T_max", trip.actuator.torque)))
@@ -76,7 +81,7 @@ class AxleTick:
         return self.made[key]
 
     def _built(self, n: Mapping[str, Any]) -> Built:
-        T, lag, v = float(n["T"]), float(n["lag"]), float(n["v"])
+        lag, v = float(n["lag"]), float(n["v"])
         ticks = -(-Fraction(n["dead"]) // Fraction(n["T"]))
         if ticks > MOST_DEAD:
             raise BadInput(
@@ -96,22 +101,20 @@ class AxleTick:
         force = told / (numbers.r**2 / numbers.J + 1 / numbers.m)
         kept_next, T_cmd = self._controlled(control, kept, s + noise, T_b, force + wrong, told, v)
         waits = [*ca.vertsplit(wait), T_cmd] if ticks else [T_cmd]
-        first, rest = waits[0], ca.vertcat(*waits[1:])
-        rate = lambda x: ca.vertcat(  # noqa: E731
+        rest = ca.vertcat(*waits[1:])
+        rate = lambda x, acts: ca.vertcat(  # noqa: E731
             numbers.r / numbers.J * x[1] - height * fall(x[0]) - self.steady + w,
-            (first - x[1]) / lag if lag else 0,
+            (acts - x[1]) / lag if lag else 0,
         )  # fmt: skip
-        x = ca.vertcat(s, T_b if lag else first)
-        k1 = rate(x)
-        k2 = rate(x + T / 2 * k1)
-        k3 = rate(x + T / 2 * k2)
-        k4 = rate(x + T * k3)
-        after = x + T / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        after = ca.vertcat(s, T_b)
+        for acts, time in zip(waits, times_of_commands(n), strict=False):
+            begun = ca.vertcat(after[0], after[1] if lag else acts)
+            after = integrated(partial(rate, acts=acts), begun, float(time))
         inner = [f"law{i}" for i in range(kept.numel())]
         states = (SLIP, "T", *(f"q{i}" for i in range(int(ticks))), *inner)
         f = ca.Function(
             "tick", [ca.vertcat(s, T_b, wait, kept, w, noise, wrong, height)],
-            [ca.vertcat(after[0], after[1] if lag else first, rest, kept_next)], {"cse": True},
+            [ca.vertcat(after, rest, kept_next)], {"cse": True},
         )  # fmt: skip
         inputs = [*(f"x_{k}" for k in states), "d_w", "d_n", "d_f", "p_height"]
         code = code_of_function(f, inputs, states)
@@ -152,6 +155,31 @@ class AxleTick:
         limits = {k: ca.SX(float(x)) for k, x in own.param_values().items()}
         y = g(ca.SX(0, 1), applied.pack("input", ports), applied.pack("param", limits))[1]
         return after, applied.unpack("output", y)["T_cmd"]
+
+
+def times_of_commands(n: Mapping[str, Any]) -> tuple[Fraction, ...]:
+    """For how long in s of a tick each command acts, the oldest one that waits first.
+
+    Args:
+        n: with the dead time ``dead`` and the tick ``T``. One that is no whole number of ticks ends
+            within a tick, and the next command acts from there.
+    """
+    T, dead = Fraction(n["T"]), Fraction(n["dead"])
+    begins = dead % T
+    return (begins, T - begins) if begins else (T,)
+
+
+def integrated(rate: Callable[[Any], Any], x: Any, time: float) -> Any:
+    """States after a time, by steps of Runge and Kutta that are not longer than ``LONGEST``."""
+    many = max(1, math.ceil(time / LONGEST - 1e-9))
+    T = time / many
+    for _ in range(many):
+        k1 = rate(x)
+        k2 = rate(x + T / 2 * k1)
+        k3 = rate(x + T / 2 * k2)
+        k4 = rate(x + T * k3)
+        x = x + T / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return x
 
 
 def gain_of(law: Block) -> str:

@@ -333,6 +333,8 @@ def _of(trip: Trip, name: str, part: SlipLaw | OwnLaw, seen: dict[str, Withstood
             found = as_reaching(trip, part, loop, met, over.speed)
         else:
             found = dict(NUMBERS[part.kind](loop, met))
+        if "T" in found:  # the plant has a shorter tick
+            found["T"] = trip.control.period
         if late:
             found |= {k: v for k, v in ((lag, lags(loop)), (dead, waits)) if k and v}
         return found

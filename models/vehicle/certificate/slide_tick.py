@@ -34,7 +34,8 @@ from slipctl.certify.tick_coordinates import (
     whole_states,
     with_coordinates,
 )
-from slipctl.models.vehicle.certificate.axle_tick import AxleTick
+from slipctl.models.common_form import T_S
+from slipctl.models.vehicle.certificate.axle_tick import AxleTick, integrated
 from slipctl.models.vehicle.control import wheel
 from slipctl.models.vehicle.plant import actuator
 
@@ -105,14 +106,12 @@ class SlideTick(AxleTick):
             return self._controlled(control, own_, s_ + noise_, T_b, force, told, v)
 
         own_next, T_cmd = commanded(own, s, act, noise)
-        act_next, T_b = self._braked(brake, act, T_cmd + late if waits else T_cmd)
+        asked = T_cmd + late if waits else T_cmd
+        act_next, T_b = self._braked(brake, act, asked)
+        for _ in range(round(self.period / T_S) - 1):  # the brake has shorter ticks
+            act_next = self._braked(brake, act_next, asked)[0]
         rate = lambda x: numbers.r / numbers.J * T_b - height * fall(x) - self.steady + w  # noqa: E731
-        T = self.period
-        k1 = rate(s)
-        k2 = rate(s + T / 2 * k1)
-        k3 = rate(s + T / 2 * k2)
-        k4 = rate(s + T * k3)
-        s_next = s + T / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        s_next = integrated(rate, s, self.period)
         after = commanded(own_next, s_next, act_next, noise)[1]
         states = [SLIP, *_names(control, "law"), *_names(brake, "act")]
         f = ca.Function(
