@@ -62,7 +62,7 @@ def parts_without_effect(trip: Trip) -> Iterator[str]:
     used = {s.condition for s in trip.rail.sections}
     for name in trip.rail.conditions:
         if name not in used:
-            yield f"rail.conditions.{name}: no section has this condition"
+            yield f"rail.conditions.{name}: no section of the rail has this condition"
     for k, section in enumerate(trip.rail.sections):
         if section.time is not None and section.time >= trip.duration:
             yield f"rail.sections.{k}: begins at {section.time:g} s, the run ends before"
@@ -90,7 +90,7 @@ def _ensemble(trip: Trip, drawn: Drawn) -> Ensemble:
     return Ensemble(drawn.draw, drawn.scale, drawn.seeds, patches, told)
 
 
-def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own") -> Study:
+def study(trip: Trip, name: str = "trip", source: str = "vehicle file") -> Study:
     """Make the study of a trip, which ``slipctl run`` runs.
 
     Args:

@@ -25,8 +25,9 @@ MOST = 12
 """Points of a front that a table shows."""
 
 KNEE = (
-    "The gains are those of the knee, whose largest loss is least; a loss is counted from the best"
-    " of the front, in shares of its span."
+    "The gains are those of the knee of the front, the point whose largest loss is"
+    " smallest. A loss is the distance from the best value of the front, as a share"
+    " of the span of the front."
 )
 
 
@@ -104,7 +105,7 @@ def differences(found: Tuned) -> list[str]:
     judged = found.judged
     assert judged is not None
     if found.search.best is found.search.by_hand:
-        return ["nothing that was tried is better than the gains set by hand; they are kept"]
+        return ["no candidate was better than the gains set by hand, so they are kept"]
     lines = []
     for goal, its in zip(found.search.objectives, judged.each, strict=True):
         mean, error = its.difference, its.error
@@ -273,7 +274,7 @@ def page(found: Tuned, command: str) -> str:
         sections.append(("Certificates", _html(promise_rows(found)) + _promised(found)))
     if found.statement is not None:
         said = "".join(_p(line) for line in statement.lines(found.statement))
-        none = _p("It says nothing of vehicles and rails outside the ensemble.")
+        none = _p("The statement does not hold for vehicles and rails outside the ensemble.")
         sections.append(("Statement", said + none))
     sections.append(("Pictures", "".join(_figure(c, svg) for c, svg in drawn.items())))
     sections.append(("Search", _searched(found) + f"<pre>{escape(command)}</pre>"))
