@@ -1,6 +1,7 @@
 """The glossary has the words that commands print, collected from the code."""
 
 import re
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import get_args, get_type_hints
 
