@@ -90,7 +90,7 @@ def _ensemble(trip: Trip, drawn: Drawn) -> Ensemble:
     return Ensemble(drawn.draw, drawn.scale, drawn.seeds, patches, told)
 
 
-def study(trip: Trip, name: str = "trip", source: str = "vehicle file") -> Study:
+def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own") -> Study:
     """Make the study of a trip, which ``slipctl run`` runs.
 
     Args:
