@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from slipctl import BadInput, Block, Known, Rail, argmax
+from slipctl.analysis.rail_peaks import Peaks
 from slipctl.errors import Faults, nearest
 from slipctl.models.common_form import T_S
 from slipctl.models.vehicle.adhesion import law_faults
@@ -127,45 +127,8 @@ def patches_of_seed(trip: Trip) -> Callable[[int], dict[str, np.ndarray]] | None
 
 # ---- what the rail carries -----------------------------------------------------------------------
 
-SHARES = np.linspace(0.0, 1.0, 65)
-"""Shares of the clean curve in the blend at which its peak is looked for."""
-
 READS = ("plant.train.v", "plant.field.recovered", "plant.field.height", "plant.train.x", "time")
 """Signals that the peak of the rail follows from."""
-
-
-class Peaks:
-    """Peak of a rail between two curves, over the vehicle's speed and the shares of both.
-
-    Args:
-        law: between the curves, see :func:`contaminated_law`, with the rail's conditions.
-        condition: one of them.
-        speed: largest speed in m/s.
-    """
-
-    def __init__(self, law: Block, condition: str, speed: float) -> None:
-        self.speeds = np.linspace(0.5, max(speed, 1.0), 40)
-        values = law.param_values(**law.conditions[condition])
-        s, v, share = (ca.SX.sym(name) for name in ("s", "v", "share"))
-        u = {"v_s": -s, "v": v, "height": 1.0, "recovered": share}
-        curve = ca.Function("curve", [s, v, share], [-law.expr({}, u, values)[1]["mu"]])
-        slips = np.geomspace(1e-3, 1.0, 400)[:, None] * self.speeds  # slip by speed
-        fouled, clean = (np.array(curve(slips, np.tile(self.speeds, (400, 1)), k)) for k in (0, 1))
-        blends = [(1 - q) * fouled + q * clean for q in SHARES]
-        at = np.array([b.argmax(axis=0) for b in blends])
-        self.heights = np.array([b.max(axis=0) for b in blends])
-        self.slips = slips[at, np.arange(len(self.speeds))]
-
-    def at(self, v: np.ndarray, fouled: np.ndarray, clean: np.ndarray) -> tuple[Any, Any]:
-        """Best slip in m/s and peak, where the shares of both curves are these."""
-        both = np.maximum(fouled + clean, 1e-12)
-        j = np.rint(np.interp(v, self.speeds, np.arange(len(self.speeds)))).astype(int)
-        k = np.rint(clean / both * (len(SHARES) - 1)).astype(int)
-        # beside the grid, the line between its shares
-        q = clean / both * (len(SHARES) - 1)
-        low = np.minimum(q.astype(int), len(SHARES) - 2)
-        peak = self.heights[low, j] * (low + 1 - q) + self.heights[low + 1, j] * (q - low)
-        return self.slips[k, j], both * peak
 
 
 def best_of_layer(trip: Trip, clean: Block, track: Rail) -> dict[str, Known]:
@@ -176,7 +139,8 @@ def best_of_layer(trip: Trip, clean: Block, track: Rail) -> dict[str, Known]:
     """
     conditions = [s.condition or "" for s in track.sections]
     law, behind = contaminated_law(trip, clean), trip.vehicle.behind
-    known = {c: Peaks(law, c, trip.vehicle.speed) for c in dict.fromkeys(conditions)}
+    speed = trip.vehicle.speed
+    known = {c: Peaks(law, law.conditions[c], speed) for c in dict.fromkeys(conditions)}
     worked = list(trip.vehicle.worked)
 
     def section(log: Any, shape: tuple[int, ...]) -> np.ndarray:

@@ -62,7 +62,7 @@ def parts_without_effect(trip: Trip) -> Iterator[str]:
     used = {s.condition for s in trip.rail.sections}
     for name in trip.rail.conditions:
         if name not in used:
-            yield f"rail.conditions.{name}: no section has this condition"
+            yield f"rail.conditions.{name}: no section of the rail has this condition"
     for k, section in enumerate(trip.rail.sections):
         if section.time is not None and section.time >= trip.duration:
             yield f"rail.sections.{k}: begins at {section.time:g} s, the run ends before"

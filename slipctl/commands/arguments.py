@@ -59,7 +59,7 @@ def _no_options(p: Parser) -> None:
 def _list_options(p: Parser) -> None:
     p.add_argument(
         "word", metavar="TOPIC|WORD", nargs="?",
-        help="studies, models or kinds; or a word in their names or meanings",
+        help="studies, models or kinds; or a word to look for in their names and meanings",
     )  # fmt: skip
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
@@ -68,15 +68,20 @@ def _show_options(p: Parser) -> None:
     p.add_argument("name", metavar="NAME")
     p.add_argument("--latex", action="store_true", help="equations as LaTeX")
     p.add_argument("--graph", action="store_true", help="block diagram as DOT")
-    p.add_argument("--against", metavar="OTHER", help="what differs from another NAME")
+    p.add_argument("--against", metavar="OTHER", help="show the differences from another NAME")
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
 
 def _new_options(p: Parser) -> None:
     p.add_argument(
-        "kind", metavar="KIND", nargs="?", help="metro: a metro car of 38 t and a patch of leaves"
+        "kind",
+        metavar="KIND",
+        nargs="?",
+        help=(
+            "metro: a metro car of 38 t that brakes into leaves; emu: eight axles with air brakes"
+        ),
     )
-    p.add_argument("file", metavar="FILE", nargs="?", help="of the vehicle (KIND.toml)")
+    p.add_argument("file", metavar="FILE", nargs="?", help="file to write (default: KIND.toml)")
     p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument(
         "--from", metavar="STUDY:LOOP[@SCENARIO]", dest="source",
@@ -87,13 +92,16 @@ def _new_options(p: Parser) -> None:
 def _open_options(p: Parser) -> None:
     p.add_argument(
         "name", metavar="FILE.toml|STUDY[:LOOP]", nargs="?",
-        help="what to open; without it metro.toml, written here if it is not there",
+        help=("vehicle file or study to open (default: metro.toml, which is written if it"
+" does not exist)"),
     )  # fmt: skip
-    p.add_argument("--port", metavar="N", type=int, help="of this machine (one that is free)")
+    p.add_argument(
+        "--port", metavar="N", type=int, help="port on this machine (default: a free one)"
+    )
     p.add_argument("--no-browser", action="store_true", help="only print the address")
     p.add_argument(
         "--python", metavar="FILE.py", nargs="+", action="extend", default=[], dest="files",
-        help="Python files that the file may name; no others are ever imported",
+        help="Python files that the vehicle file may use; slipctl imports no others",
     )  # fmt: skip
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
@@ -107,7 +115,7 @@ def _copy_options(p: Parser) -> None:
 def _run_options(p: Parser) -> None:
     p.add_argument("--json", action="store_true", help="print metrics and claims as JSON")
     p.add_argument("study", metavar="STUDY")
-    p.add_argument("--out", metavar="DIR", help="folder of the results (out/STUDY)")
+    p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/STUDY)")
     p.add_argument(
         "--set", metavar="[LOOP:]BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
         dest="settings", help="set a parameter or start value, car.m=8.2t; '*.m=8t' sets every m",
@@ -118,18 +126,20 @@ def _run_options(p: Parser) -> None:
     )  # fmt: skip
     p.add_argument(
         "--loop", metavar="L", nargs="+", action="extend", default=[], dest="loops",
-        help="run these loops only",
+        help="run only these loops",
     )  # fmt: skip
     p.add_argument(
         "--scenario", metavar="S", nargs="+", action="extend", default=[], dest="scenarios",
-        help="run these scenarios only; without it base and real run",
+        help="run only these scenarios (default: base and real)",
     )  # fmt: skip
     p.add_argument(
         "--full", action="store_true",
-        help="run all scenarios and experiments, on all cores; what an interrupted run has finished"
-        " is not done again",
+        help=("run all scenarios and experiments, on all cores; results that an interrupted"
+" run has finished are kept"),
     )  # fmt: skip
-    p.add_argument("--jobs", metavar="N", type=int, help="run so many things at once (all cores)")
+    p.add_argument(
+        "--jobs", metavar="N", type=int, help="number of parallel processes (default: all cores)"
+    )
     p.add_argument(
         "--quick", action="store_true", help="shorter and fewer runs, for tests of a study"
     )
@@ -148,25 +158,28 @@ def _sweep_options(p: Parser) -> None:
     )  # fmt: skip
     p.add_argument(
         "--samples", metavar="N", type=int, default=1,
-        help="runs of each point of the grid, where something is drawn (1)",
+        help="number of draws, at each point of a grid where there is one (default: 1)",
     )  # fmt: skip
-    p.add_argument("--seed", metavar="S", type=int, default=1, help="of the draws (1)")
+    p.add_argument(
+        "--seed", metavar="S", type=int, default=1, help="seed of the draws (default: 1)"
+    )
     p.add_argument(
         "--design", choices=("random", "sobol", "lhs"), default="random",
-        help="how numbers are drawn; lhs cannot be extended",
+        help="sampling method; a Latin hypercube (lhs) cannot be extended",
     )  # fmt: skip
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the sweep")
     p.add_argument(
         "--export", metavar="FILE.nc",
-        help="write metrics and logs of all runs as one labelled netCDF file, or DIR.zarr",
+        help="also write metrics and logs of all runs as one netCDF file, or DIR.zarr",
     )  # fmt: skip
     p.add_argument(
         "--scheduler", metavar="tcp://HOST:PORT",
-        help="roll on the workers of this Dask scheduler (extra dask), with the same bits",
+        help=("compute on the workers of this Dask scheduler (extra dask); results are the"
+" same to the bit"),
     )  # fmt: skip
     p.add_argument(
         "--mixed", action="store_true",
-        help="let machines with another processor or library of mathematics compute too",
+        help="also use machines with another processor or mathematics library",
     )  # fmt: skip
     p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument(
@@ -179,9 +192,11 @@ def _sweep_options(p: Parser) -> None:
     )  # fmt: skip
     p.add_argument(
         "--log", metavar="SIGNAL", nargs="+", action="extend", default=[], dest="logs",
-        help="keep these signals over time, of every run",
+        help="store these signals over time, for every run",
     )  # fmt: skip
-    p.add_argument("--jobs", metavar="N", type=int, help="runs at once (all cores)")
+    p.add_argument(
+        "--jobs", metavar="N", type=int, help="number of parallel runs (default: all cores)"
+    )
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
 
@@ -191,7 +206,7 @@ def _tune_options(p: Parser) -> None:
     )
     p.add_argument(
         "--free", metavar="P=LO:HI", nargs="+", action="extend", default=[], dest="free",
-        help="numbers that are searched, each in its range; ends may have units",
+        help="parameters to search, each in its range; the limits may have units",
     )  # fmt: skip
     p.add_argument(
         "--minimise", metavar="METRIC", nargs="+", action="extend", default=[], dest="objective",
@@ -202,20 +217,38 @@ def _tune_options(p: Parser) -> None:
         help="'torque_ripple<=8kN m' in every draw, 'slip_max@0.95<=2m/s' in 95 %% of them,"
         " 'margin>=1.2' of the certificates, certified",
     )  # fmt: skip
-    p.add_argument("--samples", metavar="N", type=int, default=20, help="draws of the search (20)")
-    p.add_argument("--seed", metavar="S", type=int, default=1, help="of draws and search (1)")
     p.add_argument(
-        "--ensemble", metavar="FILE.toml", help="what differs from draw to draw (as declared)"
+        "--samples",
+        metavar="N",
+        type=int,
+        default=20,
+        help="draws on which the search judges gains (default: 20)",
     )
     p.add_argument(
-        "--held-out", metavar="N", type=int, default=200, help="draws of the judgement (200)"
+        "--seed", metavar="S", type=int, default=1, help="seed of draws and search (default: 1)"
     )
     p.add_argument(
-        "--runs", metavar="N", type=int, help="most runs of the search (250 a number and metric)"
+        "--ensemble",
+        metavar="FILE.toml",
+        help=("file that says what varies from draw to draw (default: the study's declaration)"),
+    )
+    p.add_argument(
+        "--held-out",
+        metavar="N",
+        type=int,
+        default=200,
+        help="fresh draws on which the result is judged (default: 200)",
+    )
+    p.add_argument(
+        "--runs",
+        metavar="N",
+        type=int,
+        help="largest number of runs of the search (default: 250 per parameter and metric)",
     )
     p.add_argument(
         "--prove", action="store_true",
-        help="state what 1375 fresh draws prove: 99 %% of all draws, confidence 1 - 1e-6",
+        help=("state what 1375 fresh draws prove of 99 %% of all draws, with confidence 1 -"
+" 1e-6"),
     )  # fmt: skip
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
     p.add_argument("--json", action="store_true", help=AS_JSON)
@@ -227,17 +260,22 @@ def _tune_options(p: Parser) -> None:
         "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
         help="replace a model of the study",
     )  # fmt: skip
-    p.add_argument("--jobs", metavar="N", type=int, help="runs at once (all cores)")
+    p.add_argument(
+        "--jobs", metavar="N", type=int, help="number of parallel runs (default: all cores)"
+    )
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
 
 def _replay_options(p: Parser) -> None:
     p.add_argument(
-        "log", metavar="LOG.csv", help="a head and a row per sample; or LOG.parquet, LOG.mf4"
+        "log",
+        metavar="LOG.csv",
+        help="log with a header and one row per sample; or LOG.parquet, LOG.mf4",
     )
     p.add_argument(
         "--with", metavar="STUDY:LOOP.PART", required=True, dest="block",
-        help="what runs over it: a part of a loop, a model, FILE:BLOCK or an equation",
+        help=("block to run over the log: a part of a loop, a model, FILE:BLOCK or an"
+" equation"),
     )  # fmt: skip
     p.add_argument(
         "--map", metavar="INPUT=COLUMN[UNIT]", nargs="+", action="extend", default=[],
@@ -252,17 +290,27 @@ def _replay_options(p: Parser) -> None:
         dest="settings", help="inputs without a column, parameters and start values",
     )  # fmt: skip
     p.add_argument(
-        "--time", metavar="COLUMN[UNIT]", help="column of the times (the one that is called so)"
+        "--time",
+        metavar="COLUMN[UNIT]",
+        help="column of the time (default: the column with such a name)",
     )
     p.add_argument(
-        "--decimal", choices=(".", ","), help="decimal mark, where 1.234 could be either"
+        "--decimal", choices=(".", ","), help="decimal mark, where 1.234 may be read in two ways"
     )
-    p.add_argument("--period", metavar="T", help="tick, 10ms (that of the block, else of the log)")
+    p.add_argument(
+        "--period",
+        metavar="T",
+        help="sample time, 10ms (default: that of the block, else of the log)",
+    )
     p.add_argument(
         "--resample", choices=("hold", "linear"), default="hold",
-        help="how samples become values of ticks (hold: the last one before)",
+        help="resampling to ticks (default: hold, the last sample before the tick)",
     )  # fmt: skip
-    p.add_argument("--gap", metavar="T", help="from when on there is a gap, 0.2s (5 samples)")
+    p.add_argument(
+        "--gap",
+        metavar="T",
+        help=("interval between samples that counts as a gap, 0.2s (default: 5 usual intervals)"),
+    )
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
     p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
@@ -281,7 +329,7 @@ def _compare_options(p: Parser) -> None:
 def _fit_options(p: Parser) -> None:
     p.add_argument(
         "curve", metavar="CURVE.csv", nargs="+",
-        help="a head and a row per point; for a flow logs, as of replay",
+        help="curve with a header and one row per point; for a flow, logs as for replay",
     )  # fmt: skip
     p.add_argument(
         "--law", metavar="NAME", required=True, help="a law or a flow of the models, or file:law"
@@ -291,14 +339,18 @@ def _fit_options(p: Parser) -> None:
         dest="settings", help="known parameters, and inputs that do not vary, Q=106.7kN v=10m/s",
     )  # fmt: skip
     p.add_argument(
-        "--unknown", metavar="NAME,NAME", help="parameters to find (those of the rail conditions)"
+        "--unknown",
+        metavar="NAME,NAME",
+        help="parameters to fit (default: those that rail conditions set)",
     )
     p.add_argument(
         "--start", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
-        dest="starts", help="where the search starts (the law's own values)",
+        dest="starts", help="start values of the search (default: the law's own values)",
     )  # fmt: skip
     p.add_argument(
-        "--ordered", action="store_true", help="keep the order that the law expects, k_A >= k_S"
+        "--ordered",
+        action="store_true",
+        help="keep the order of parameters that the law expects, k_A >= k_S",
     )
     p.add_argument(
         "--map", "--column", metavar="NAME=COLUMN[UNIT]", nargs="+", action="extend", default=[],
@@ -306,18 +358,24 @@ def _fit_options(p: Parser) -> None:
         help="column of each signal, v=Speed[km/h]; with arithmetic, v_s='slip * v / 100'",
     )  # fmt: skip
     p.add_argument(
-        "--decimal", choices=(".", ","), help="decimal mark, where 1.234 could be either"
+        "--decimal", choices=(".", ","), help="decimal mark, where 1.234 may be read in two ways"
     )
-    p.add_argument("--time", metavar="COLUMN[UNIT]", help="column of the times, as of replay")
-    p.add_argument("--gap", metavar="T", help="from when on there is a gap, 0.2s (5 samples)")
+    p.add_argument("--time", metavar="COLUMN[UNIT]", help="column of the time, as for replay")
     p.add_argument(
-        "--between", metavar="FROM:TO", help="only this part, behind the first sample, 12s:95s"
+        "--gap",
+        metavar="T",
+        help=("interval between samples that counts as a gap, 0.2s (default: 5 usual intervals)"),
+    )
+    p.add_argument(
+        "--between",
+        metavar="FROM:TO",
+        help="use only this time span after the first sample, 12s:95s",
     )
     p.add_argument(
         "--resample", choices=("hold", "linear"),
-        help="how an input goes from sample to sample (hold)",
+        help="interpolation of inputs between samples (default: hold)",
     )  # fmt: skip
-    p.add_argument("--delay", metavar="INPUT", help="seek the dead time of this input too")
+    p.add_argument("--delay", metavar="INPUT", help="also fit the dead time of this input")
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
@@ -332,75 +390,81 @@ def _c_options(p: Parser) -> None:
     )
     p.add_argument(
         "--target", metavar="host|cortex-m4|cortex-m7", default="host",
-        help="compile it for this processor too, and with --check run it there; two with a comma",
+        help=("also compile it for this processor, and with --check run it there; separate"
+" two by a comma"),
     )  # fmt: skip
     p.add_argument(
         "--clock", metavar="168MHz",
-        help="clock of the processor that its load is told for; by default 25 MHz, the board's",
+        help=("processor clock for which the load is reported (default: 25 MHz, that of the"
+" board)"),
     )  # fmt: skip
     p.add_argument(
-        "--misra", action="store_true", help="count findings of cppcheck and of MISRA C:2012"
+        "--misra", action="store_true", help="count the findings of cppcheck and MISRA C:2012"
     )
 
     p.add_argument(
         "--vectors", metavar="FILE.csv|search[:SECONDS]",
-        help="test it with these inputs, a row for each tick, in the place of those of a run; or"
-        " search for what else reaches branches that its test does not",
+        help=("test it with these inputs, one row per tick, instead of those of a run; or"
+" search for inputs that reach the branches which the test leaves out"),
     )  # fmt: skip
     p.add_argument(
         "--fuzz", metavar="SECONDS", type=int,
-        help="feed it any bytes for so long, by libFuzzer with sanitizers",
+        help="fuzz it for this time, by libFuzzer with sanitizers",
     )  # fmt: skip
     p.add_argument(
         "--prove", action="store_true",
-        help="let Frama-C prove that nothing goes wrong at run time and that ranges are kept",
+        help=("let Frama-C prove that no run-time error occurs and that values stay in their"
+" ranges"),
     )  # fmt: skip
-    p.add_argument("--fmu", action="store_true", help="write FMUs too, by FMI 2.0 and 3.0")
+    p.add_argument("--fmu", action="store_true", help="also write FMUs, by FMI 2.0 and 3.0")
     p.add_argument(
         "--platforms", metavar="linux64,win64",
-        help="what the FMUs hold binaries for; by default each that a compiler is installed for",
+        help=("platforms of the binaries in the FMUs (default: all for which a compiler is"
+" installed)"),
     )  # fmt: skip
     p.add_argument(
         "--scaled", metavar="NAME=uint16:0.01m/s[:OFFSET]", nargs="+", action="extend", default=[],
-        help="inputs and outputs that a bus has as integers of this type, resolution and offset",
+        help=("inputs and outputs that the bus carries as integers of this type, resolution"
+" and offset"),
     )  # fmt: skip
     p.add_argument(
         "--rates", action="store_true",
-        help="write a step function for each rate of its parts too, such as step_5ms",
+        help="also write one step function for each rate of its parts, such as step_5ms",
     )  # fmt: skip
     p.add_argument(
         "--counter", action="store_true",
-        help="write a step too that is told the number of its tick: it sees a call twice or late",
+        help=("also write a step that takes the tick number, and detects repeated and late"
+" calls"),
     )  # fmt: skip
-    p.add_argument(
-        "--const-section", metavar="SECTION", help="section for the linker that tables lie in"
-    )
+    p.add_argument("--const-section", metavar="SECTION", help="linker section of the tables")
     p.add_argument(
         "--calibration-section", metavar="SECTION",
-        help="write an instance of the parameters, too, in this section",
+        help="also write an instance of the parameters, in this linker section",
     )  # fmt: skip
     p.add_argument(
         "--byte-order", choices=("little", "big"), default="little",
-        help="of the processor, for the A2L (little, as ARM and x86)",
+        help="byte order of the processor, for the A2L (default: little, as ARM and x86)",
     )  # fmt: skip
     p.add_argument(
         "--xcp", action="store_true",
-        help="write an XCP slave too, and a program for the emulated board that has it",
+        help="also write an XCP slave, and a program with it for the emulated board",
     )  # fmt: skip
     p.add_argument(
         "--autosar", action="store_true",
-        help="write a software component of AUTOSAR Classic around it, C and ARXML",
+        help="also write a software component of AUTOSAR Classic around it, as C and ARXML",
     )  # fmt: skip
     p.add_argument(
         "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
         dest="settings", help="set parameters of the loop, or FILE.toml with gains",
     )  # fmt: skip
     p.add_argument(
-        "--part", metavar="PART", help="another part of the loop than its controller, such as plant"
+        "--part",
+        metavar="PART",
+        help="part of the loop to write instead of the controller, such as plant",
     )
     p.add_argument(
         "--name", metavar="MODULE", dest="module",
-        help="what its files and functions are called; by default the loop or the block",
+        help="name of its files and functions (default: that of the loop or block)",
     )  # fmt: skip
 
 
@@ -410,14 +474,18 @@ def _pil_options(p: Parser) -> None:
     p.add_argument("--real", choices=("double", "float"), default="double")
     p.add_argument(
         "--clock", metavar="168MHz",
-        help="clock of the processor that its load is told for; by default 25 MHz, the board's",
+        help=("processor clock for which the load is reported (default: 25 MHz, that of the"
+" board)"),
     )  # fmt: skip
     p.add_argument(
         "--fault", metavar="TICK=WHAT", nargs="+", action="extend", default=[], dest="faults",
-        help="what happens to the frame of a tick on purpose: lost, late or broken",
+        help="fault to inject into the frame of a tick: lost, late or broken",
     )  # fmt: skip
     p.add_argument(
-        "--seconds", metavar="S", type=float, help="run only so long; by default the scenario"
+        "--seconds",
+        metavar="S",
+        type=float,
+        help="duration of the run (default: that of the scenario)",
     )
     p.add_argument("--out", metavar="FILE", help="write the comparison as JSON")
     p.add_argument("--json", action="store_true", help=AS_JSON)
@@ -428,7 +496,9 @@ def _certify_options(p: Parser) -> None:
         "system",
         metavar="SYSTEM|STUDY[:LOOP]",
         nargs="?",
-        help="super_twisting, a study or a loop of it; none: a list",
+        help=(
+            "system such as super_twisting, or a study or one of its loops; none: list the systems"
+        ),
     )
     p.add_argument(
         "--set", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
@@ -436,19 +506,32 @@ def _certify_options(p: Parser) -> None:
         " parameters of a loop, as slipctl run has them, or FILE.toml with gains",
     )  # fmt: skip
     p.add_argument("--json", action="store_true", help=AS_JSON)
-    p.add_argument("--out", metavar="FILE", help="write a certificate for slipctl check")
+    p.add_argument("--out", metavar="FILE", help="write the certificate, a file for slipctl check")
     p.add_argument(
         "--map", metavar="X[=LO:HI],Y[=LO:HI]",
-        help="draw where two numbers are certified, refuted or neither; --out is a folder then",
+        help=("map where two parameters are certified, refuted or undecided; --out is then a"
+" folder"),
     )  # fmt: skip
-    p.add_argument("--points", metavar="N", type=int, default=25, help="of a map, each way (25)")
-    p.add_argument("--metric", metavar="NAME", help="draw its level lines into the map of a loop")
+    p.add_argument(
+        "--points",
+        metavar="N",
+        type=int,
+        default=25,
+        help="points of the map along each axis (default: 25)",
+    )
+    p.add_argument(
+        "--metric", metavar="NAME", help="metric whose level lines are drawn into the map of a loop"
+    )
     p.add_argument(
         "--largest", metavar="NAME",
-        help="how large a number may be, lag: proved up to here, refuted from there; --out is a"
-        " folder then",
+        help=("find the largest certified and the smallest refuted value of a parameter,"
+" such as lag; --out is then a folder"),
     )  # fmt: skip
-    p.add_argument("--smallest", metavar="NAME", help="how small it may be")
+    p.add_argument(
+        "--smallest",
+        metavar="NAME",
+        help="find the smallest certified and the largest refuted value of a parameter",
+    )
 
 
 def _check_options(p: Parser) -> None:
@@ -456,31 +539,48 @@ def _check_options(p: Parser) -> None:
     p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument(
         "--rerun", metavar="N", type=int,
-        help="run N draws of a statement again, from the study or file that it names",
+        help=("run N draws of a statement again, from the study or file that the statement"
+" names"),
     )  # fmt: skip
 
 
 def _docs_options(p: Parser) -> None:
     p.add_argument("page", metavar="PAGE", nargs="?", default="index", help="glossary, sweeps, ...")
-    p.add_argument("--where", action="store_true", help="only print the file")
-    p.add_argument("--json", action="store_true", help="only print the file, as JSON")
+    p.add_argument(
+        "--where", action="store_true", help="print the path of the page, and open nothing"
+    )
+    p.add_argument(
+        "--json", action="store_true", help="print the path of the page as JSON, and open nothing"
+    )
 
 
 COMMANDS: dict[str, tuple[str, Callable[[Parser], None]]] = {
-    "list": ("List studies, models, and the kinds of parts of a vehicle's file.", _list_options),
+    "list": ("List studies, models, and the kinds of parts of a vehicle file.", _list_options),
     "show": ("Show equations, signals, units, sources and Jacobian of NAME.", _show_options),
-    "new": ("Write a file that describes a vehicle, to edit it and run it.", _new_options),
-    "open": ("Open the workbench: edit, see run, region and C at once.", _open_options),
+    "new": ("Write a vehicle file, to be edited and run.", _new_options),
+    "open": ("Open the workbench: run, region of gains and C follow each edit.", _open_options),
     "schema": ("Print the JSON schema of the files that describe a vehicle.", _no_options),
     "copy": ("Copy the source of a model to a file of your own, to edit it.", _copy_options),
     "run": ("Run a study: metrics, claims, logs, figures and a report.", _run_options),
     "sweep": (
-        "Run a loop with many sets of numbers, on all cores; resume and extend.",
+        (
+            "Run a loop with many sets of numbers, on all cores; a sweep can be resumed"
+            " and extended."
+        ),
         _sweep_options,
     ),
-    "tune": ("Find gains on an ensemble: proved first, then run, then judged.", _tune_options),
+    "tune": (
+        (
+            "Find gains on an ensemble: proof first, then simulation, then a judgement on"
+            " fresh draws."
+        ),
+        _tune_options,
+    ),
     "replay": ("Run an estimator or a controller over a recorded log.", _replay_options),
-    "compare": ("Compare runs and sweeps: what was changed, then their metrics.", _compare_options),
+    "compare": (
+        "Compare runs and sweeps: first what was changed, then their metrics.",
+        _compare_options,
+    ),
     "fit": (
         "Fit a law to a measured curve, or a flow (coasting, brake_step) to logs.",
         _fit_options,
@@ -488,10 +588,13 @@ COMMANDS: dict[str, tuple[str, Callable[[Parser], None]]] = {
     "c": ("Write a controller, from sensor to actuator, as C.", _c_options),
     "pil": ("Run a loop with its controller on an emulated processor, tick by tick.", _pil_options),
     "certify": (
-        "Say how far gains reach: verdicts, margins and the worst disturbance.",
+        "Prove or refute what gains withstand: verdicts, margins and the worst disturbance.",
         _certify_options,
     ),
-    "check": ("Check a certificate again with rational arithmetic alone.", _check_options),
+    "check": (
+        ("Check a certificate by rational arithmetic alone, without the code that found it."),
+        _check_options,
+    ),
     "docs": ("Open the pages of slipctl in a browser; they need no network.", _docs_options),
 }
 """Commands in the order of the help, each with its line there and its options."""

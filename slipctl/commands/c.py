@@ -21,7 +21,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
     """Write the C, and check it if asked."""
     name, out = options.name, Path(options.out)
     if not options.out:
-        raise BadInput("--out names no folder; write one, or . for this one")
+        raise BadInput("--out names no folder; write one, or . for the current folder")
     if options.fuzz is not None and options.fuzz < 1:
         raise BadInput(f"--fuzz {options.fuzz} gives it no time; write seconds, such as 15")
     store.check_folder(out)
@@ -91,7 +91,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
     if report.only_load:
         raise RunFailed(f"{name}: a step takes longer than its tick; see {out / 'report.json'}")
     if report.only_unproven:
-        raise RunFailed(f"{name}: not all of it is proven; see {out / 'report.md'}")
+        raise RunFailed(f"{name}: Frama-C has not proved all goals; see {out / 'report.md'}")
     if not report.passed:
         raise RunFailed(f"{name}: the C differs from Python; see {out / 'report.json'}")
     return 0

@@ -260,7 +260,7 @@ def text(
     )]  # fmt: skip
     rows = [["changed", "unit", *letters]]
     rows += [[c["what"], c["unit"], *c["values"]] for c in changed[:LISTED]]
-    parts.append(_table(rows) if changed else "nothing but metrics differs")
+    parts.append(_table(rows) if changed else "only metrics differ")
     if len(changed) > LISTED:
         parts[-1] += f"\n{len(changed) - LISTED} more; --json has all"
     return "\n\n".join([*parts, *metric_tables(letters, tables)])
@@ -297,7 +297,9 @@ def metric_tables(
             if paired else "* the two spreads do not overlap"
         ))  # fmt: skip
     if any(n for r in every for n in r["never"]):
-        parts[-1] += "\nnever: runs that did not reach it, or broke off, count as the worst"
+        parts[-1] += (
+            "\nnever: runs that did not reach it or broke off; they count as the worst value"
+        )
     return parts
 
 

@@ -165,7 +165,7 @@ def text(found: Replayed, rows: Sequence[Sequence[str]], options: argparse.Names
         f" {len(found.gaps)} gaps ({held:.3g} s)"
     )
     if not rows:
-        return f"{head}\nnothing is compared; --beside OUTPUT=COLUMN does"
+        return f"{head}\nno output was compared; --beside OUTPUT=COLUMN compares one"
     every = [list(HEAD), *rows]
     widths = [max(len(r[k]) for r in every) for k in range(len(HEAD))]
     return f"{head}\n\n{wrap_table(every, widths)}"

@@ -37,7 +37,7 @@ from slipctl.study.verdicts import Verdict, judge
 
 log = logging.getLogger("slipctl")
 
-STOPPED = "stopped before its end; what had not finished is missing here"
+STOPPED = "stopped before its end; results that were not finished are missing here"
 
 
 def answer(options: argparse.Namespace, command: str) -> int:
@@ -90,7 +90,7 @@ class _Run:
         results, out = self.results, self.keep.out
         wanted = {c.scenario.name: tuple(c.loops) for c in results.cases}
         self.keep.clear(wanted)
-        self._metrics("running, or ended before its end")
+        self._metrics("still running, or stopped before its end")
         judged = cache(self._claims)  # once, while figures are drawn
         self._tell(self._question())
         try:

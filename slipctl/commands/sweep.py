@@ -31,8 +31,8 @@ from slipctl.study.request import Request
 log = logging.getLogger("slipctl")
 
 NEVER = (
-    "never: runs that did not reach it, or broke off; each counts as the worst value there is in"
-    " all columns"
+    "never: number of runs that did not reach the metric or broke off; each counts"
+    " as the worst value in every column"
 )
 
 SHARES = (0.0, 0.05, 0.5, 0.95, 1.0)

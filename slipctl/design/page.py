@@ -25,8 +25,9 @@ MOST = 12
 """Points of a front that a table shows."""
 
 KNEE = (
-    "The gains are those of the knee, whose largest loss is least; a loss is counted from the best"
-    " of the front, in shares of its span."
+    "The gains are those of the knee of the front, the point whose largest loss is"
+    " smallest. A loss is the distance from the best value of the front, as a share"
+    " of the span of the front."
 )
 
 
@@ -41,7 +42,7 @@ def gains_rows(found: Tuned) -> Rows:
     texts = [goal.text for goal in found.search.objectives]
     for text in texts:
         what = f" of {text}" if len(texts) > 1 else ""
-        rows[0] += [f"keeps {100 * CLOSE:g} %{what}", f"% a %{what}"]
+        rows[0] += [f"within {100 * CLOSE:g} %{what}", f"slope{what} [%/%]"]
     by = {(s.objective, s.free.name): s for s in found.slices}
     for f in found.frees:
         rows.append([f.name, f.unit, f"{number(f.lo)} .. {number(f.hi)}", number(f.now),
@@ -75,11 +76,11 @@ def judged_rows(found: Tuned) -> Rows:
     spread: dict[str, Callable[..., Any]] = {
         "least": np.min, "median": np.median, "largest": np.max, "mean": np.mean
     }  # fmt: skip
-    for goal, its in zip(found.search.objectives, judged.each, strict=True):
-        both = (its.by_hand, its.tuned)
+    for goal, its, unit in zip(found.search.objectives, judged.each, _units(found), strict=True):
+        both, tail = (its.by_hand, its.tuned), "" if unit == "1" else f" [{unit}]"
         for what, of in spread.items():
             cells = [number_or_never(float(of(s.values)), 6) for s in both]
-            rows.append([f"{what} {goal.text}", *cells])
+            rows.append([f"{what} {goal.text}{tail}", *cells])
         if any(s.lost() for s in both):
             rows.append([f"draws that never reach {goal.text}", *(str(s.lost()) for s in both)])
     many = len(judged.tuned.values)
@@ -104,7 +105,7 @@ def differences(found: Tuned) -> list[str]:
     judged = found.judged
     assert judged is not None
     if found.search.best is found.search.by_hand:
-        return ["nothing that was tried is better than the gains set by hand; they are kept"]
+        return ["no candidate was better than the gains set by hand, so they are kept"]
     lines = []
     for goal, its in zip(found.search.objectives, judged.each, strict=True):
         mean, error = its.difference, its.error
@@ -171,8 +172,8 @@ def pictures(found: Tuned) -> dict[str, plots.Figure]:
         along = [s for s in found.slices if s.objective == what[0]]
         if along:
             shown[
-                f"Mean {what[0]} over draws along each number, the others as tuned; the range that"
-                f" keeps {100 * CLOSE:g} % is shaded. Where nothing is drawn a certificate or a"
+                f"Mean {what[0]} over draws along each number, the others as tuned; the range"
+                f" within {100 * CLOSE:g} % is shaded. Where there is no curve, a certificate or a"
                 " limit fails."
             ] = _sliced(along, what)
     if found.judged:
@@ -273,7 +274,7 @@ def page(found: Tuned, command: str) -> str:
         sections.append(("Certificates", _html(promise_rows(found)) + _promised(found)))
     if found.statement is not None:
         said = "".join(_p(line) for line in statement.lines(found.statement))
-        none = _p("It says nothing of vehicles and rails outside the ensemble.")
+        none = _p("The statement does not hold for vehicles and rails outside the ensemble.")
         sections.append(("Statement", said + none))
     sections.append(("Pictures", "".join(_figure(c, svg) for c, svg in drawn.items())))
     sections.append(("Search", _searched(found) + f"<pre>{escape(command)}</pre>"))
@@ -299,9 +300,9 @@ def page(found: Tuned, command: str) -> str:
 
 def _note() -> str:
     return _p(
-        f"In the range that keeps {100 * CLOSE:g} % the mean over draws of the search stays within"
-        f" {100 * CLOSE:g} % of its value, the other numbers as tuned. The last column is the"
-        " change of the objective in percent for one percent more of the number."
+        f"Within {100 * CLOSE:g} %: range of the number in which the mean over the draws of the"
+        f" search stays within {100 * CLOSE:g} % of its value, with the other numbers as tuned."
+        " Slope: change of the objective in percent for one percent more of the number."
     )
 
 
@@ -323,7 +324,8 @@ def _searched(found: Tuned) -> str:
     drawn += [f"{f.name} times {number(f.lo)} .. {number(f.hi)}" for f in world.factors]
     drawn += ["noise"] if world.ensemble.seeds else []
     refused = "; ".join(f"{n} by {why}" for why, n in search.refused.items()) or "none"
-    gradient = f" {found.polished.text()}." if found.polished else ""
+    why = found.polished.text() if found.polished else ""
+    gradient = f" {why[0].upper()}{why[1:]}." if why else ""
     return _p(
         f"Scenario {world.scenario.name}; drawn: {', '.join(drawn)}. {search.thought} candidates"
         f" (refused before any run: {refused}), {search.spent} runs on {search.samples} draws,"

@@ -49,7 +49,8 @@ COLOURS = {
 }
 """Loops whose colour is fixed; any other name gets one of the palette by its letters."""
 
-RAILS = {"dry": "#F7EFE2", "wet": "#E4EEF6", "ice": "#F1F1F1", "snow": "#EDEDED"}
+RAILS = {"dry": "#F7EFE2", "wet": "#E4EEF6", "ice": "#F1F1F1", "snow": "#EDEDED",
+         "leaves": "#EAD6B0"}  # fmt: skip
 """Shades of the bands behind a trace; any other condition stays white."""
 
 STYLE: Any = {

@@ -18,7 +18,7 @@ from typing import Any
 AGAIN = 0.1
 """Time in s after which an interrupt that nobody heard is raised again."""
 
-KEPT = "what had finished is written"
+KEPT = "all finished results are written"
 """What a stopped command says, where it is so."""
 
 

@@ -39,12 +39,12 @@ _metric = entry(METRICS)
 # ---- the metrics, one function each; None is left out ------------------------------------------
 
 
-@_metric("distance over the run, its last tick by the speed")
+@_metric("distance of the run; the last tick is completed with its speed")
 def _distance(run: Run) -> Metric | None:
     return None if run.travelled is None else Metric(float(run.travelled[-1]), "m")
 
 
-@_metric("the same, of the loop `ideal` in this scenario", bound=True)
+@_metric("distance of the loop `ideal` in this scenario", bound=True)
 def _ideal_distance(run: Run) -> Metric | None:
     return run.ideal.get("distance")
 
@@ -79,7 +79,7 @@ def _settling_time(run: Run) -> Metric | None:
 
 
 @_metric(
-    "the same about the loop's own reference, which may be off the best slip",
+    "settling time about the loop's own reference, which may differ from the best slip",
     "low",
     ("slip", "reference"),
     event=True,
@@ -157,13 +157,13 @@ def _jerk_rms(run: Run) -> Metric | None:
     return Metric(rms(jerk[keep]), "m/s3") if keep.any() else None
 
 
-@_metric("how often the error leaves its funnel", "low")
+@_metric("number of times that the error leaves its funnel", "low")
 def _funnel_exits(run: Run) -> Metric | None:
     count = run.exits(run.signals.funnel)
     return None if count is None else Metric(count, "1")
 
 
-@_metric("how often the error leaves its barrier", "low")
+@_metric("number of times that the error leaves its barrier", "low")
 def _barrier_exits(run: Run) -> Metric | None:
     count = run.exits(run.signals.barrier)
     return None if count is None else Metric(count, "1")
@@ -184,7 +184,7 @@ def _speed_error_rms(run: Run) -> Metric | None:
     return _off(run, "speed", "m/s", rms)
 
 
-@_metric("largest of its absolute values", "low")
+@_metric("largest absolute value", "low")
 def _speed_error_max(run: Run) -> Metric | None:
     return _off(run, "speed", "m/s", _largest)
 
@@ -194,7 +194,7 @@ def _position_error_rms(run: Run) -> Metric | None:
     return _off(run, "position", "m", rms)
 
 
-@_metric("largest of its absolute values", "low")
+@_metric("largest absolute value", "low")
 def _position_error_max(run: Run) -> Metric | None:
     return _off(run, "position", "m", _largest)
 

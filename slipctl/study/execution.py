@@ -306,5 +306,7 @@ def judge_all(
             verdicts.append(judge(claim, results, changed))
             continue
         why = results.failed[f"claim {claim.id}"]
-        verdicts.append(Verdict(claim, None, OPEN, f"our answer breaks: {why}"))
+        verdicts.append(
+            Verdict(claim, None, OPEN, f"the answer of the study cannot be computed: {why}")
+        )
     return verdicts

@@ -68,7 +68,7 @@ def _found(text: str, names: Mapping[str, str], flags: int) -> Expression:
             key += "_"
         said = (match[2] or "").strip()
         if said and told.get(key) and said != told[key]:
-            raise BadInput(f"{column} is told in {told[key]} and in {said}; write one")
+            raise BadInput(f"--map gives {column} in {told[key]} and in {said}; write one unit")
         columns[key] = column
         told[key] = said or told.get(key, "")
         return key
@@ -103,7 +103,9 @@ def unit_of_column(table: Table, column: str, told: str, wanted: str, notes: lis
     if head and not is_unit(head):
         if not told:
             _refuse_unknown(where, head)
-        notes.append(f"{column} is in {told} as told; its head has {head!r}, which is not known")
+        notes.append(
+            f"{column} is read in {told}, as --map says; the unit {head!r} in its head is not known"
+        )
         head = ""
     named = unit_in_name(column, told or head or wanted) if told or head or wanted else ""
     said = {

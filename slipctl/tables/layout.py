@@ -14,6 +14,7 @@ from slipctl.errors import BadInput
 from slipctl.tables.clock import is_time
 from slipctl.tables.heads import is_offset, is_unit, is_unit_row
 from slipctl.tables.numerals import is_empty, is_number
+from slipctl.tables.order import first_of, many_rows
 
 LARGEST = 2**28
 """Bytes of a text that is read whole."""
@@ -260,8 +261,7 @@ def _of_rows(path: Path, mark: str, tables: _Tables) -> Layout:
                      + f" and {len(same) - 2} times more" * (len(same) > 2))  # fmt: skip
     end = max(k for k, kind in enumerate(tables.kinds) if kind == "data") + 1
     if end < len(rows):
-        notes.append(f"{path}: {len(rows) - end} lines behind the table left out, the first in line"
-                     f" {rows[end][0]}")  # fmt: skip
+        notes.append(_left_out(path, "line", "behind the table", rows[end:]))
     body = [r for k, r in enumerate(rows[stop:end], stop) if k not in skipped]
     if not any(units) and len(body) > 2 and _is_unit_row_with_ones(body[0][1], head):
         units, body = body[0][1], body[1:]
@@ -301,6 +301,11 @@ def _check_split(path: Path, rows: Sequence[Row]) -> None:
             raise BadInput(f"{path}, line {line}: {cell!r} looks like one number{COMMAS}")
 
 
+def _left_out(path: Path, what: str, where: str, rows: Sequence[Row]) -> str:
+    at = [n for n, _ in rows]
+    return f"{path}: {many_rows(len(at), what)} {where}, left out: {first_of(at, 'line {}'.format)}"
+
+
 def _fit_rows(path: Path, layout: Layout) -> None:
     """Give all rows as many cells as the head; refuse what does not fit."""
     head = layout.head
@@ -335,12 +340,10 @@ def _fit_rows(path: Path, layout: Layout) -> None:
         n, c = inside[0]
         raise BadInput(f"{path}, line {n} has {len(c)} cells, its head {width}; so have"
                        f" {len(inside) - 1} others; write all cells of a row")  # fmt: skip
-    for rows, what in ((inside, "rows with fewer cells than the head"),
-                       (below, "lines behind the table")):  # fmt: skip
+    for rows, what, where in ((inside, "row", "with fewer cells than the head"),
+                              (below, "line", "behind the table")):  # fmt: skip
         if rows:
-            layout.notes.append(
-                f"{path}: {len(rows)} {what} left out, the first in line {rows[0][0]}"
-            )
+            layout.notes.append(_left_out(path, what, where, rows))
     if layout.mark == ",":
         _check_split(path, whole)
     layout.rows = whole

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -54,10 +54,8 @@ def in_order(
     rows = [int(k) for k in np.flatnonzero(np.isfinite(t))]
     notes = []
     if len(rows) < t.size:
-        first = int(np.flatnonzero(~np.isfinite(t))[0])
-        notes.append(
-            f"{t.size - len(rows)} rows without a time left out, the first in {place(first)}"
-        )
+        lost = [int(k) for k in np.flatnonzero(~np.isfinite(t))]
+        notes.append(f"{many_rows(len(lost))} without a time, left out: {first_of(lost, place)}")
     if len(set(t[rows])) < 2:
         raise BadInput(f"{where} has fewer than two different times")
     steps = np.diff(t[rows])
@@ -130,19 +128,29 @@ def _lines(
     """What was done."""
     late, wild, twice, equal = odd
     notes = []
-    for rows, what in (
-        (late, "rows written late were put in order of time"),
-        (wild, "rows whose time is out of place left out"),
-        (twice, "rows that stand twice left out"),
-        (equal, "rows have the time of the row before, which is left out"),
+    for rows, done in (
+        (late, "written late, sorted by time"),
+        (wild, "with a time out of order, left out"),
+        (twice, "repeated, left out"),
+        (equal, "with the time of the row before, which was left out"),
     ):
         if rows:
-            notes.append(f"{len(rows)} {what}, the first in {place(rows[0])}")
+            notes.append(f"{many_rows(len(rows))} {done}: {first_of(rows, place)}")
     for n, k in enumerate(begins, 2):
         before, after = t[kept[k - 1]] - t[kept[0]], t[kept[k]] - t[kept[0]]
         notes.append(f"{place(kept[k])}: the time goes back from {before:.6g} s to {after:.6g} s"
                      f" behind the first row; run {n} begins there")  # fmt: skip
     return notes
+
+
+def many_rows(many: int, what: str = "row") -> str:
+    """Number of rows, or of something else, in words."""
+    return f"{many} {what}{'s' * (many != 1)}"
+
+
+def first_of(rows: Sequence[int], place: Callable[[int], str]) -> str:
+    """Where rows are: the place of the first one."""
+    return f"{'the first in ' * (len(rows) > 1)}{place(rows[0])}"
 
 
 def continuous_clock(t: np.ndarray, period: float) -> tuple[np.ndarray, list[int]]:

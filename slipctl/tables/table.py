@@ -13,6 +13,7 @@ from slipctl.errors import BadInput, nearest
 from slipctl.tables import numerals
 from slipctl.tables.heads import is_unit, name_and_unit
 from slipctl.tables.layout import Row, layout_of
+from slipctl.tables.order import first_of, many_rows
 
 LARGEST = 1e100
 """Largest number of a table: sums of squares stay far from what a number can hold."""
@@ -117,11 +118,32 @@ class Table:
             )
         self._tell(name, column, reading)
         found = column.values(reading)
+        self._judge(where, name, found)
         if (np.abs(found) > LARGEST).any():
             k = int(np.flatnonzero(np.abs(found) > LARGEST)[0])
             raise BadInput(f"{where}: {cells[k]!r} in {self.line} {self.lines[k]} is beyond what"
                            " can be squared")  # fmt: skip
         return found
+
+    def _judge(self, where: str, name: str, x: np.ndarray) -> None:
+        """Tell of lone numbers; refuse an overflow, and a number that marks a missing one."""
+        lone, over = lone_values(x), overflows(x)
+        if over.size:
+            k = over[0]
+            raise BadInput(f"{where}: {x[k]:g} in {self.line} {self.lines[k]} follows {x[k - 1]:g}:"
+                           " the logger's number overflows; log it with more bits")  # fmt: skip
+        if not lone.size:
+            return
+        at = first_of(list(lone), lambda k: f"{self.line} {self.lines[k]}")
+        size = np.abs(x)
+        rest = np.where(np.isin(np.arange(x.size), lone), 0, size)
+        if lone[1:].size and np.ptp(x[lone]) == 0 and size[lone[0]] > 10 * np.nanmax(rest):
+            raise BadInput(f"{where}: {x[lone[0]]:g} ({at}) is far beyond all other values; where"
+                           " it marks a missing value, empty the cell")  # fmt: skip
+        self.notes.append(
+            f"{name}: {many_rows(lone.size, 'value')} far from the values before and after,"
+            f" {x[lone[0]]:g} ({at}); where it marks a missing value, empty the cell"
+        )
 
     def _decimals(self, name: str) -> set[str]:
         """Decimal marks of the other columns that are decided."""
@@ -139,6 +161,32 @@ class Table:
                 f"{name}: {group!r} parts thousands, so {cell} in {self.line}"
                 f" {self.lines[grouped[0]]} is {column.values(reading)[grouped[0]]:g}"
             )
+
+
+def lone_values(x: np.ndarray) -> np.ndarray:
+    """Rows whose number is far from those before and after, which are near each other.
+
+    Far is 100 usual steps and more. A logger writes such a number where it has no value.
+    """
+    rows = np.flatnonzero(np.isfinite(x))
+    if rows.size < 20:
+        return rows[:0]
+    steps = np.abs(np.diff(x[rows]))
+    usual = float(np.median(steps))
+    across = np.abs(x[rows][2:] - x[rows][:-2])
+    lone = (np.minimum(steps[:-1], steps[1:]) > 100 * usual) & (across < 10 * usual)
+    return rows[1:-1][lone] if usual > 0 else rows[:0]
+
+
+def overflows(x: np.ndarray) -> np.ndarray:
+    """Rows whose number jumps from one end of its range to the other, as an integer overflows."""
+    if x.size < 20:
+        return np.zeros(0, dtype=int)
+    steps = np.abs(np.diff(x))
+    usual = float(np.nanmedian(steps))
+    ends = np.minimum(np.abs(x[:-1]), np.abs(x[1:])) > 0.99 * np.nanmax(np.abs(x))
+    turns = ends & (steps > 1000 * usual) & (np.abs(x[:-1] + x[1:]) < 50 * usual)
+    return np.flatnonzero(turns) + 1 if usual > 0 else np.zeros(0, dtype=int)
 
 
 def named_columns(heads: Sequence[str]) -> tuple[list[str], list[str]]:

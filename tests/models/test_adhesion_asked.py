@@ -116,7 +116,7 @@ def test_a_law_that_pushes_is_told_by_range_and_by_energy(tmp_path, monkeypatch)
     case = trips.case(made, "base")
     told = simulate(case.loops["none"], case.scenario, compile=False).attrs["told"]
     assert "plant.train.v leaves its range, -1 .. 200 m/s" in told
-    assert "plant.train.P_slip takes power, and gives" in told
+    assert "plant.train.P_slip should take energy and delivers" in told
 
 
 def test_the_energy_of_a_run_is_that_of_its_powers(tmp_path):
@@ -159,11 +159,13 @@ def test_what_a_run_does_not_come_to_is_told(tmp_path):
 
     far = '[[rail.sections]]\nplace = "45 km"\ncondition = "x"'
     made = trip(tmp_path, more="y = { c = 0.1 }", section=far, head='end = "5 km"')
-    assert study(made).without_effect == ("rail.conditions.y: no section has this condition",)
+    assert study(made).without_effect == (
+        "rail.conditions.y: no section of the rail has this condition",
+    )
     case = trips.case(made, "base")
     told = simulate(case.loops["none"], case.scenario, compile=False).attrs["told"]
     assert "1 of 2 sections of the rail begin at 45000 m" in told
-    assert "does not come to 5000" in told
+    assert "reaches 5000, which it does not" in told
     late = trip(tmp_path, demand='deceleration = "1.2 m/s^2"\nuntil = "12 s"')
     assert study(late).without_effect == (
         "demand.until: 12 s is not before the end of the run, 1 s",

@@ -12,6 +12,7 @@ from slipctl.run.measures.measured_run import Run
 from slipctl.run.metrics import measure
 from slipctl.run.preparation import prepare
 from slipctl.run.sweep.ensemble import World
+from slipctl.run.warnings.wheels import wheel_warnings
 from slipctl.study import execution, resolve
 from slipctl.study.files import trip_files
 
@@ -339,3 +340,26 @@ def test_sand_that_falls_behind_its_wheel_is_refused(tmp_path, old, new, words):
         read(tmp_path, FILE + SAND.replace(old, new))
     assert words in str(refused.value)
     assert "rail.contamination.sand" in str(refused.value)
+
+
+@pytest.mark.parametrize(("peak", "tau", "axles"), [(0.2, "0 m/J", "1234"), (0.03, "0 m/J", ""),
+                                                    (0.03, "3e-4 m/J", "34")])  # fmt: skip
+def test_a_brake_that_is_held_back_is_told_where_the_layer_carries_the_demand(
+    tmp_path, peak, tau, axles
+):
+    """The rail is as it is under each axle then: the first finds the layer, the last does not.
+
+    Asked are 1 m/s^2, an adhesion of 0.102; each axle alone is given a tenth of it.
+    """
+    text = FILE.replace(PLACES, "").replace('tau = "1e-4 m/J"', f'tau = "{tau}"\npeak = {peak}')
+    trip = read(tmp_path, text)
+    log = prepare(loop(trip, "none"), scenario(trip), compile=False)(doubt=True)
+    assert log.told() == []
+    told = ""
+    for axle in range(4):
+        command = np.array(log.watched["ctl.T_cmd"], copy=True)
+        command[:, axle] *= 0.1
+        changed = {n: log.watched[n] for n in log.watched} | {"ctl.T_cmd": command}
+        lines = wheel_warnings(log.loop, log.scenario, changed)
+        told += str(axle + 1) * any(f"of axle {axle + 1} below the demand" in x for x in lines)
+    assert told == axles

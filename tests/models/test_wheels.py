@@ -128,8 +128,8 @@ def test_who_does_not_learn_loses_brake_at_first_and_the_run_says_so():
     assert share[200:400, :2].min() < 0.5
     assert share[-500:].min() > 0.99
     line = log.told()[0]
-    assert line.startswith("the speed that is made of the wheels")
-    assert "further off than" in line
+    assert line.startswith("the vehicle speed estimated from the wheels")
+    assert "the error exceeds the" in line
 
 
 def test_a_loop_of_equal_wheels_with_a_measured_speed_has_no_such_part():

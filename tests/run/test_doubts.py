@@ -85,8 +85,10 @@ def test_an_estimate_that_stays_off_is_told_with_time_and_size(seconds, P, lines
     found = told(loop_of(est=stuck.with_params(P=P)), seconds)
     assert len(found) == lines
     if lines:
-        assert found[0].startswith("est.held is off by more than 3 of its own deviations from 0 s")
-        assert "at the end 5 m/s, not 3.99" in found[0]
+        assert found[0].startswith(
+            "est.held errs by more than 3 of its own standard deviations from 0 s"
+        )
+        assert "at the end 5 m/s for a true 3.99" in found[0]
         assert found[0].endswith("with a deviation of 0.1 m/s")
 
 
@@ -112,7 +114,7 @@ def test_a_fit_is_held_against_what_the_rail_sets(gain, lines):
     )  # fmt: skip
     found = told(made, 4.0, Rail([Section(0, "dry"), Section(2.0, "ice")]))
     assert len(found) == lines, found
-    assert all("fit.theta for log(c) is off" in line for line in found)
+    assert all("fit.theta for log(c) errs" in line for line in found)
 
 
 @pytest.mark.parametrize(("wanted", "lines"), [(50.0, 0), (200.0, 1), (0.0, 0)])
@@ -141,7 +143,7 @@ def test_noise_below_quantisation_is_told():
         return warnings_of_loop(loop, Scenario("s", 1.0, inputs={"plant.T_b": 0.0}))
 
     assert len(lines(0.01, 0.1)) == 1
-    assert "y.sigma = 0.01 m/s is below the quantisation" in lines(0.01, 0.1)[0]
+    assert "y.sigma = 0.01 m/s is below the 0.0289 m/s of the quantisation" in lines(0.01, 0.1)[0]
     assert not lines(0.05, 0.1)  # 0.1/sqrt(12) = 0.029
     assert not lines(0.0, 0.1)
     assert not lines(0.01, 0.0)
@@ -159,7 +161,7 @@ def test_an_input_that_no_wire_feeds_is_told_where_there_is_a_signal_of_its_name
                        look=look)  # fmt: skip
         return warnings_of_loop(loop, Scenario("s", 1.0, inputs=inputs))
 
-    assert lines({}) == ["no wire feeds look.v: it stands at 0.0 m/s, while there is plant.v"]
+    assert lines({}) == ["no wire feeds look.v, so it keeps 0.0 m/s; wire it to plant.v?"]
     assert not lines({"look.v": "plant.v"})
     assert not lines({}, **{"look.v": 3.0})
 
@@ -172,7 +174,7 @@ def test_what_is_watched_changes_no_number_and_is_no_part_of_the_log():
     assert list(one) == list(other)
     assert all(np.array_equal(one[n], other[n]) for n in one)
     assert one.told() == other.told()[: len(one.told())]
-    assert "is off by more than" in simulate(loop, Scenario("s", 1.5)).attrs["told"]
+    assert "errs by more than" in simulate(loop, Scenario("s", 1.5)).attrs["told"]
 
 
 def test_a_metric_that_a_loop_has_not_is_told_with_the_reason():

@@ -85,7 +85,7 @@ def test_as_people_have_it(tmp_path: Path) -> None:
     told = "; ".join(found.notes)
     for said in (
         "2 rows written late",
-        "1 rows have the time of the row before",
+        "1 row with the time of the row before, which was left out: line",
         "Speed converted",
     ):
         assert said in told
@@ -123,7 +123,7 @@ def test_arithmetic_has_units(tmp_path: Path) -> None:
     block = from_text("v = omega*r where omega [rad/s], r = 0.5 m")
     found = replay(block, read_recording(file), {"omega": "Wheel[km/h] / r"}, compile=False)
     assert np.allclose(found.data["v"].values, 10.0, rtol=1e-12)  # a few roundings
-    for text, said in (("Wheel", "turn it round"), ("Wheel * r", "this is"),
+    for text, said in (("Wheel", "convert it by an expression"), ("Wheel * r", "this is"),
                        ("Weel / r", "did you mean 'Wheel'"), ("Wheel / q", "no param 'q'"),
                        ("Wheel / (r", "column"), ("Wheel[km/q]", "no known unit")):  # fmt: skip
         with pytest.raises(Faults, match=said):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -100,3 +101,12 @@ def test_the_page_of_a_sweep_compares_run_by_run_and_names_what_failed_first():
     assert "2 of 4" in page
     assert "stopping_distance never" in page
     assert "<img" in page
+
+
+@pytest.mark.parametrize("limit", [100.0, 140.0, 0.1, 1.0])
+def test_the_page_of_a_sweep_writes_the_whole_limit(limit):
+    one = swept([90.0, 95.0])
+    one.about["limits"] = {"stopping_distance": limit}
+    page = sweep_page.page({"one": one}, "slipctl sweep")
+    (told,) = re.findall(r"runs that miss stopping_distance ≤ ([^<]*) m<", page)
+    assert float(told) == limit

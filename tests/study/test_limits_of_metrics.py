@@ -23,7 +23,7 @@ def test_a_value_above_its_limit_is_marked_and_one_at_it_is_not():
         held={"lock_time": Metric(0.3, "s")}, locked={"lock_time": Metric(2.5, "s")},
     )  # fmt: skip
     assert limits_broken(found, "base") == [
-        "! locked is above its limits: lock_time 2.5 s, at most 0.3 s"
+        "! loop locked exceeds its limits: lock_time 2.5 s, at most 0.3 s"
     ]
     row = next(r for r in metric_table(found, "base").splitlines() if "lock_time" in r)
     assert row.split() == ["lock_time", "[s]", "0.3", "2.5", MARK.strip()]
@@ -33,7 +33,7 @@ def test_a_time_that_never_comes_and_a_metric_that_is_missing_are_above_every_li
     times = Metric([0.1, None], "s", ("dry", "wet"))
     found = results({"settling_time": 5.0, "stopping_distance": 140.0}, a={"settling_time": times})
     assert limits_broken(found, "base") == [
-        "! a is above its limits: settling_time never, at most 5 s;"
+        "! loop a exceeds its limits: settling_time never, at most 5 s;"
         " it has no stopping_distance, which may be 140 at most"
     ]
     rows = [r.split() for r in metric_table(found, "base").splitlines() if "settling_time [s]" in r]

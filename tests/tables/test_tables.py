@@ -164,3 +164,44 @@ def test_what_has_no_end_is_refused(monkeypatch) -> None:
     monkeypatch.setattr("slipctl.tables.layout.LARGEST", 1 << 20)
     with pytest.raises(BadInput, match="1 MB or more"):
         text_of(Path("/dev/zero"))
+
+
+def marked(value: str, every: int = 90) -> str:
+    """Rows of which some have a number that marks a missing one."""
+    return HEAD + rows(lambda t, v, k: f"{t:.1f};{value}" if k % every == 7 else plain(t, v, k))
+
+
+@pytest.mark.parametrize("value", ["-999.25", "3.4028235e38", "9.9E37", "65535.00"])
+def test_a_number_that_no_sensor_gives_is_refused_with_its_row(value: str, tmp_path: Path) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text(marked(value), encoding="utf-8")
+    log = read_recording(file)
+    with pytest.raises(BadInput, match=r"first in line 9.*missing value"):
+        log.channel("v")
+
+
+def test_a_number_that_stands_alone_is_told_and_a_wheel_that_locks_is_not(tmp_path: Path) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text(marked("0.00"), encoding="utf-8")
+    log = read_recording(file)
+    assert np.sum(log.channel("v") == 0) == 5
+    assert any("5 values far from the values before and after, 0 (the first in line 9)" in n
+               for n in log.notes)  # fmt: skip
+    held = HEAD + rows(lambda t, v, k: plain(t, v * (not 50 < k < 90), k))
+    flags = "t [s];v\n" + rows(lambda t, v, k: f"{t:.1f};{int(k % 90 == 7)}")
+    for text in (held, flags, HEAD + rows(plain)):
+        file.write_text(text, encoding="utf-8")
+        log = read_recording(file)
+        assert np.isfinite(log.channel("v")).all()
+        assert not any("far from" in n for n in log.notes)
+
+
+def test_an_integer_that_overflows_is_refused_with_its_row(tmp_path: Path) -> None:
+    def wrapped(t: float, v: float, k: int) -> str:
+        raw = round(32000 + 20 * k)
+        return f"{t:.1f};{(raw + 32768) % 65536 - 32768}"
+
+    file = tmp_path / "log.csv"
+    file.write_text("t [s];v [mm/s]\n" + rows(wrapped), encoding="utf-8")
+    with pytest.raises(BadInput, match="in line 41 follows 32760: the logger's number overflows"):
+        read_recording(file).channel("v")

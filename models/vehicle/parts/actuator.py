@@ -17,13 +17,18 @@ class Lag(Part):
     kind: Literal["lag"] = "lag"
     torque: float = number("N m", MISSING, "largest torque of one axle", lo=1, hi=1e6)
     lag: float = number("s", 0.05, "time constant", lo=1e-3, hi=5)
-    gain: float = number("1", 1.0, "delivered by commanded torque", lo=0.1, hi=10)
+    gain: float = number("1", 1.0, "delivered torque over commanded torque", lo=0.1, hi=10)
     rate: float | None = number("N m/s", None, "largest rate of the torque", lo=1, hi=1e9)
-    dead_time: float = number("s", 0.0, "from command to action", lo=0, hi=2)
+    dead_time: float = number(
+        "s", 0.0, "delay from the command until the torque begins to change", lo=0, hi=2
+    )
     power: float | None = number(
-        "W", None, "largest of one axle: its torque is at most that over the wheel speed",
-        lo=1, hi=1e8,
-    )  # fmt: skip
+        "W",
+        None,
+        "largest power of one axle; it limits the torque to the power over the wheel speed",
+        lo=1,
+        hi=1e8,
+    )
     top: float | None = number(
         "m/s", None, "rim speed above which it gives no torque", lo=0.1, hi=200
     )
@@ -49,11 +54,18 @@ class Valve(Part):
 
     kind: Literal["valve"] = "valve"
     torque: float = number("N m", MISSING, "torque of one axle at full pressure", lo=1, hi=6e5)
-    fill: float = number("s", 0.15, "time constant towards the supply", lo=1e-3, hi=5)
-    vent: float = number("s", 0.10, "time constant towards the air", lo=1e-3, hi=5)
-    band: float = number("1", 0.005, "pressure error that it holds at, of the full pressure",
-                         lo=0, hi=0.5)  # fmt: skip
-    dead_time: float = number("s", 0.0, "from command to action", lo=0, hi=2)
+    fill: float = number("s", 0.15, "time constant of filling", lo=1e-3, hi=5)
+    vent: float = number("s", 0.10, "time constant of venting", lo=1e-3, hi=5)
+    band: float = number(
+        "1",
+        0.005,
+        "pressure error below which the valve holds, as a share of the full pressure",
+        lo=0,
+        hi=0.5,
+    )
+    dead_time: float = number(
+        "s", 0.0, "delay from the command until the torque begins to change", lo=0, hi=2
+    )
 
     def misfits(self) -> Iterator[Fault]:
         """A dead time that is no whole number of ticks."""
@@ -77,37 +89,64 @@ class Air(Part):
     kind: Literal["air"] = "air"
     torque: float = number("N m", MISSING, "torque of one axle at the full pressure", lo=1, hi=1e6)
     pressure: float = number("Pa", 3.8e5, "full pressure of the cylinder, gauge", lo=1e4, hi=2e6)
-    supply: float = number("Pa", 5e5, "pressure that fills it, gauge", lo=1e4, hi=2e6)
+    supply: float = number("Pa", 5e5, "supply pressure behind the regulator, gauge", lo=1e4, hi=2e6)
     volume: float = number("m^3", 4e-3, "volume of the cylinder", lo=1e-5, hi=0.1)
     fill: float = number("m", 4e-3, "diameter of the choke that fills", lo=2e-4, hi=0.05)
     vent: float = number("m", 8e-3, "diameter of the choke that vents", lo=2e-4, hi=0.05)
     discharge: float = number("1", 0.7, "discharge coefficient of both chokes", lo=0.1, hi=1)
     air: float = number("K", 293.0, "temperature of the air", lo=200, hi=350)
     fill_rate: float | None = number(
-        "1/s", None, "dp/dt over the pressure before the choke that fills, instead of its diameter",
-        lo=1e-3, hi=200,
-    )  # fmt: skip
+        "1/s",
+        None,
+        (
+            "rate constant of filling: dp/dt over the pressure upstream of the choke,"
+            " instead of its diameter"
+        ),
+        lo=1e-3,
+        hi=200,
+    )
     vent_rate: float | None = number(
-        "1/s", None, "the same of the choke that vents", lo=1e-3, hi=200
-    )  # fmt: skip
-    dead_time: float = number("s", 0.0, "of the valves, from bit to flow", lo=0, hi=0.5)
-    pulse: float = number("s", 0.0, "shortest time that a valve stays where it is", lo=0, hi=0.5)
-    reaction: float = number("s", 0.0, "from the demand to the first flow", lo=0, hi=2)
+        "1/s",
+        None,
+        "rate constant of venting, instead of the diameter of the choke",
+        lo=1e-3,
+        hi=200,
+    )
+    dead_time: float = number(
+        "s", 0.0, "delay of the valves, from the bit to the flow", lo=0, hi=0.5
+    )
+    pulse: float = number(
+        "s", 0.0, "shortest time for which a valve keeps its position", lo=0, hi=0.5
+    )
+    reaction: float = number("s", 0.0, "delay from the demand to the first flow", lo=0, hi=2)
     band: float = number(
-        "Pa", 5e3, "error of the pressure that a commanded torque is held at", lo=0, hi=1e5
+        "Pa", 5e3, "pressure error below which a commanded torque is held", lo=0, hi=1e5
     )
     weighed: float | None = number(
-        "kg", None, "mass that the load weighing tells, which the pressure follows; none given: the"
-        " true one", lo=100, hi=1e8,
-    )  # fmt: skip
+        "kg",
+        None,
+        (
+            "mass that the load weighing reports and the brake pressure follows; none"
+            " given: the true mass"
+        ),
+        lo=100,
+        hi=1e8,
+    )
     reservoir: float | None = number(
-        "m^3", None, "air for all cylinders of the vehicle; none given: without end", lo=1e-3, hi=10
+        "m^3",
+        None,
+        "volume of the air reservoir for all cylinders of the vehicle; none given: unlimited air",
+        lo=1e-3,
+        hi=10,
     )
     reserve: float | None = number(
-        "Pa", None, "pressure in it at the start, gauge; none given: that of the supply", lo=1e4,
+        "Pa",
+        None,
+        "pressure of the reservoir at the start, gauge; none given: the supply pressure",
+        lo=1e4,
         hi=2e6,
-    )  # fmt: skip
-    charge: float = number("m^3/s", 0.0, "free air by the compressor", lo=0, hi=1)
+    )
+    charge: float = number("m^3/s", 0.0, "free air that the compressor delivers", lo=0, hi=1)
 
     def misfits(self) -> Iterator[Fault]:
         """Times off the tick, pressures that cannot be, a reservoir that is none."""
@@ -122,7 +161,10 @@ class Air(Part):
                 ),
             )
         if self.reserve is not None and self.reserve < self.supply:
-            yield "reserve", "is below the supply, which the reservoir feeds"
+            yield (
+                "reserve",
+                "is below the supply pressure, which the reservoir feeds; write a larger one",
+            )
         for name in ("reserve", "charge"):
             if getattr(self, name) and self.reservoir is None:
                 yield name, "needs the volume of the reservoir; write reservoir = '100 l'"

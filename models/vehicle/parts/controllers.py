@@ -26,9 +26,17 @@ class Searched(Part):
     """Best slip, estimated and searched while the loop runs, for each axle."""
 
     kind: Literal["searched"] = "searched"
-    law: str = text_field("double_exponential", "law that is fitted, from the slip speed")
-    start: Mapping[str, float | str] = text_field({}, "first guess of its parameters")
-    noise: float = number("1", 1e-2, "of the measured adhesion, as the fit is told", lo=1e-6, hi=1)
+    law: str = text_field(
+        "double_exponential", "adhesion law of the slip speed that the estimator fits"
+    )
+    start: Mapping[str, float | str] = text_field({}, "first guess of the law's parameters")
+    noise: float = number(
+        "1",
+        1e-2,
+        "standard deviation of the measured adhesion that the fit assumes",
+        lo=1e-6,
+        hi=1,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +53,7 @@ class SlipRatio(Part):
 
     kind: Literal["ratio"] = "ratio"
     slip: float = number("1", MISSING, "slip over speed", lo=1e-3, hi=0.9)
-    least: float = number("m/s", 0.2, "slip speed that it does not fall below", lo=0.01, hi=5)
+    least: float = number("m/s", 0.2, "smallest slip speed of the reference", lo=0.01, hi=5)
 
 
 Reference = Searched | SlipSpeed | SlipRatio
@@ -55,37 +63,94 @@ Reference = Searched | SlipSpeed | SlipRatio
 class SlipControl(Part):
     """When slip control takes over from the demand, and when it gives back."""
 
-    period: float = number("s", TICK, "of the controllers, in Python and in C", lo=TICK, hi=0.1)
-    wake: float = number("1", 0.5, "slip over the reference at which it takes over", lo=0, hi=1)
-    least: float = number("m/s", 0.3, "slip below which it does not take over", lo=0, hi=20)
-    rest: float = number("s", 0.2, "time of ruling demand after which it gives back", lo=0, hi=10)
-    off: float = number("m/s", 1.0, "speed below which it is off and the demand is given",
-                        lo=0, hi=10)  # fmt: skip
-    safe: str | float = text_field("", "what an axle gets whose samples are not believed: 'demand',"
-                             " 'hold', or a torque below the demand; none given: the demand, 0"
-                             " for a driven vehicle")  # fmt: skip
-    demand_lost: str | float = text_field("", "demand .2 s after it is no number any more:"
-                                    " 'largest', or a torque; none given: the largest of a"
-                                    " braked vehicle, 0 of a driven one")  # fmt: skip
-    release: float = number("s", 10.0, "longest release of an axle, after which it gets the demand"
-                            " for 1 s", lo=0.1, hi=600)  # fmt: skip
-    release_still: float = number("s", 3.0, "longest release of an axle that does not run up",
-                                  lo=0.1, hi=600)  # fmt: skip
-    release_train: float = number("s", 5.0, "longest release of all axles together, after which"
-                                  " each gets the demand for 1 s", lo=0.1, hi=600)  # fmt: skip
+    period: float = number(
+        "s", TICK, "sample time of the controllers, in Python and in C", lo=TICK, hi=0.1
+    )
+    wake: float = number(
+        "1",
+        0.5,
+        "slip over its reference at which slip control takes over from the demand",
+        lo=0,
+        hi=1,
+    )
+    least: float = number(
+        "m/s", 0.3, "slip below which slip control does not take over", lo=0, hi=20
+    )
+    rest: float = number(
+        "s",
+        0.2,
+        "slip control gives back when the demand has been the smaller torque for this time",
+        lo=0,
+        hi=10,
+    )
+    off: float = number(
+        "m/s",
+        1.0,
+        "speed below which slip control is off and the axle gets the demand",
+        lo=0,
+        hi=10,
+    )
+    safe: str | float = text_field(
+        "",
+        (
+            "safe output, for an axle whose samples are not plausible: 'demand', 'hold',"
+            " or a torque below the demand; none given: the demand, 0 for a driven vehicle"
+        ),
+    )
+    demand_lost: str | float = text_field(
+        "",
+        (
+            "demand from 0.2 s after its signal is lost: 'largest', or a torque; none"
+            " given: the largest torque of a braked vehicle, 0 of a driven one"
+        ),
+    )
+    release: float = number(
+        "s",
+        10.0,
+        "longest release of an axle, after which it gets the demand for 1 s",
+        lo=0.1,
+        hi=600,
+    )
+    release_still: float = number(
+        "s", 3.0, "longest release of an axle whose wheel does not speed up again", lo=0.1, hi=600
+    )
+    release_train: float = number(
+        "s",
+        5.0,
+        "longest release of all axles together, after which each gets the demand for 1 s",
+        lo=0.1,
+        hi=600,
+    )
     let_go: float | None = number(
-        "s", None, "time for which one axle in turn is let go while wheels slide, so that it tells"
-        " the speed; none given: never", lo=0.05, hi=10,
-    )  # fmt: skip
-    let_go_every: float = number("s", 8.0, "from one axle to the next", lo=0.5, hi=100)
+        "s",
+        None,
+        (
+            "while wheels slide, the controller releases one axle after the other for this"
+            " time, so that it rolls and shows the vehicle speed; none given: never"
+        ),
+        lo=0.05,
+        hi=10,
+    )
+    let_go_every: float = number(
+        "s", 8.0, "time from the release of one axle to that of the next", lo=0.5, hi=100
+    )
     radius: float | tuple[float, ...] | None = number(
-        "m", None, "of the wheels, or of each axle with an actuator, as the controllers believe;"
-        " none given: as it is", lo=0.2, hi=1,
-    )  # fmt: skip
+        "m",
+        None,
+        (
+            "wheel radius that the controllers use, one for all or one for each axle with"
+            " an actuator; none given: the true radii"
+        ),
+        lo=0.2,
+        hi=1,
+    )
     learn: bool | None = text_field(
-        None, "whether the ratios of the radii are learnt while no wheel slips; none given: where"
-        " the vehicle's speed is from the wheels",
-    )  # fmt: skip
+        None,
+        (
+            "whether the controllers learn the ratios of the radii while no wheel slips;"
+            " none given: only where the vehicle speed comes from the wheels"
+        ),
+    )
 
     def misfits(self) -> Iterator[Fault]:
         """A period off the tick; a safe output or a demand that is neither a word nor a torque."""
@@ -108,9 +173,20 @@ class SlipControl(Part):
 class SlipLaw(Part):
     """A slip law of the papers by its name, with its own gains; ``slipctl list kinds`` has them."""
 
-    kind: Literal[SLIP_LAWS] = text_field("pid", "which law")  # type: ignore[valid-type]
-    lead: float = number("1", 1.0, "actuator's lag over the one that it shall have", lo=1, hi=20)
-    reference: Reference | None = text_field(None, "slip to go to, instead of the trip's")
+    kind: Literal[SLIP_LAWS] = text_field("pid", "name of the law")  # type: ignore[valid-type]
+    lead: float = number(
+        "1",
+        1.0,
+        (
+            "ratio of the actuator's lag to the lag that the loop shall have; the lead"
+            " filter makes up for the rest"
+        ),
+        lo=1,
+        hi=20,
+    )
+    reference: Reference | None = text_field(
+        None, "slip reference of this controller, instead of that of the file"
+    )
     gains: Mapping[str, float | str] = field(
         default_factory=dict, metadata={"rest": True, "doc": "parameters of the law by name"}
     )
@@ -121,16 +197,21 @@ class Predictive(Part):
     """Predictive slip control: the best slip within torque, rate and slip limits."""
 
     kind: Literal["nmpc"] = "nmpc"
-    ticks: int = number("1", 2, "ticks from one solution to the next, length of a stage",
-                        lo=1, hi=50)  # fmt: skip
+    ticks: int = number("1", 2, "ticks between two solutions, and length of a stage", lo=1, hi=50)
     horizon: int = number("1", 40, "stages", lo=9, hi=200)
     slip: float = number("1", 1.0, "weight of the slip error over the best slip", lo=0, hi=1e6)
-    change: float = number("1", 0.02, "weight of the torque still to come", lo=0, hi=1e6)
+    change: float = number("1", 0.02, "weight of the torque changes", lo=0, hi=1e6)
     beyond: float = number("1", 2.0, "weight of slip beyond 1.5 times its reference", lo=0, hi=1e6)
-    rate: float = number("1", 20.0, "largest rate, in largest torques a lag", lo=0.01, hi=1e3)
-    pole: float = number("1", 3.0, "of the observer, over the reciprocal lag", lo=0.1, hi=100)
-    smooth: float = number("1", 1.2, "filter of the reference, in lags", lo=0.01, hi=100)
-    reference: Reference | None = text_field(None, "slip to go to, instead of the trip's")
+    rate: float = number(
+        "1", 20.0, "largest rate of the torque, in largest torques per lag", lo=0.01, hi=1e3
+    )
+    pole: float = number("1", 3.0, "poles of the observer, in multiples of 1/lag", lo=0.1, hi=100)
+    smooth: float = number(
+        "1", 1.2, "time constant of the filter of the reference, in lags", lo=0.01, hi=100
+    )
+    reference: Reference | None = text_field(
+        None, "slip reference of this controller, instead of that of the file"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,13 +219,30 @@ class ScheduledPI(Part):
     """PI slip control, its gain by the speed, its integral bounded by what can be applied."""
 
     kind: Literal["pi"] = "pi"
-    K: float = number("1/s", 3.0, "gain at the speed full and above", lo=0.01, hi=1e3)
-    integral: float = number("s", 1.0, "time of the integral", lo=0.01, hi=100)
-    follow: float = number("s", 0.2, "in which the integral follows a limit", lo=0.01, hi=100)
-    full: float = number("m/s", 25.0, "speed from which on the gain is K", lo=1, hi=100)
-    least: float = number("1", 0.2, "least share of K, at standstill", lo=0.01, hi=1)
-    lead: float = number("1", 1.0, "actuator's lag over the one that it shall have", lo=1, hi=20)
-    reference: Reference | None = text_field(None, "slip to go to, instead of the trip's")
+    K: float = number("1/s", 3.0, "gain at and above the speed `full`", lo=0.01, hi=1e3)
+    integral: float = number("s", 1.0, "integral time", lo=0.01, hi=100)
+    follow: float = number(
+        "s",
+        0.2,
+        "tracking time of the anti-windup: the integral follows a limit with it",
+        lo=0.01,
+        hi=100,
+    )
+    full: float = number("m/s", 25.0, "speed from which the gain is K", lo=1, hi=100)
+    least: float = number("1", 0.2, "gain at standstill, as a share of K", lo=0.01, hi=1)
+    lead: float = number(
+        "1",
+        1.0,
+        (
+            "ratio of the actuator's lag to the lag that the loop shall have; the lead"
+            " filter makes up for the rest"
+        ),
+        lo=1,
+        hi=20,
+    )
+    reference: Reference | None = text_field(
+        None, "slip reference of this controller, instead of that of the file"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,22 +250,48 @@ class SlideProtection(Part):
     """Wheel slide protection by a state machine over slip and deceleration, with two valve bits."""
 
     kind: Literal["wsp"] = "wsp"
-    slip: float = number("m/s", 1.341, "slip from which it vents, at standstill", lo=0.05, hi=20)
-    share: float = number("1", 0.09167, "share of the speed by which that is more", lo=0, hi=0.5)
-    deceleration: float = number("m/s^2", 3.58, "of the rim, from which it vents", lo=0.5, hi=50)
-    hold: float = number("1", 0.5, "share of that slip from which it holds", lo=0, hi=1)
+    slip: float = number(
+        "m/s",
+        1.341,
+        "slip above which the valve vents, its part that does not depend on the speed",
+        lo=0.05,
+        hi=20,
+    )
+    share: float = number(
+        "1",
+        0.09167,
+        "part of that threshold that grows with the speed, as a share of it",
+        lo=0,
+        hi=0.5,
+    )
+    deceleration: float = number(
+        "m/s^2", 3.58, "deceleration of the rim above which the valve vents", lo=0.5, hi=50
+    )
+    hold: float = number(
+        "1", 0.5, "share of the venting threshold above which the valve holds", lo=0, hi=1
+    )
     hold_deceleration: float = number(
-        "m/s^2", 1.0, "of the rim, from which it holds then", lo=0, hi=50
+        "m/s^2", 1.0, "deceleration of the rim above which the valve holds there", lo=0, hi=50
     )
-    fill: float = number("1", 0.3, "share of that slip below which it fills again", lo=0, hi=1)
+    fill: float = number(
+        "1", 0.3, "share of the venting threshold below which the valve fills again", lo=0, hi=1
+    )
     fill_acceleration: float = number(
-        "m/s^2", 0.5, "of the rim, up to which it fills again", lo=-10, hi=50
+        "m/s^2", 0.5, "acceleration of the rim up to which the valve fills again", lo=-10, hi=50
     )
-    filter: float = number("s", 0.04, "time constant of the rim's acceleration", lo=1e-3, hi=1)
+    filter: float = number(
+        "s", 0.04, "time constant of the filter of the rim's acceleration", lo=1e-3, hi=1
+    )
     ramp: float = number(
-        "m/s^3", 0.67, "largest rise of the deceleration when it fills", lo=0.01, hi=1e3
+        "m/s^3",
+        0.67,
+        "largest rate at which the vehicle's deceleration rises while the cylinder fills again",
+        lo=0.01,
+        hi=1e3,
     )
-    cut_off: float = number("m/s", 5 / 3.6, "speed below which it is off", lo=0, hi=20)
+    cut_off: float = number(
+        "m/s", 5 / 3.6, "speed below which slide protection is off", lo=0, hi=20
+    )
 
     def misfits(self) -> Iterator[Fault]:
         """Shares that would let it fill where it holds."""
@@ -188,8 +312,19 @@ class OwnLaw(Part):
 
     kind: Literal["file"] = "file"
     block: str = text_field(MISSING, "my_law.py:block, or a model by name")
-    lead: float = number("1", 1.0, "actuator's lag over the one that it shall have", lo=1, hi=20)
-    reference: Reference | None = text_field(None, "slip to go to, instead of the trip's")
+    lead: float = number(
+        "1",
+        1.0,
+        (
+            "ratio of the actuator's lag to the lag that the loop shall have; the lead"
+            " filter makes up for the rest"
+        ),
+        lo=1,
+        hi=20,
+    )
+    reference: Reference | None = text_field(
+        None, "slip reference of this controller, instead of that of the file"
+    )
     gains: Mapping[str, float | str] = field(
         default_factory=dict, metadata={"rest": True, "doc": "parameters of the block by name"}
     )

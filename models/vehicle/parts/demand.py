@@ -21,10 +21,18 @@ class Constant(Part):
     """A demand that does not change; of a driver, a timetable, a fixed brake step."""
 
     kind: Literal["constant"] = "constant"
-    deceleration: float | None = number("m/s^2", None, "of a braked vehicle", lo=0, hi=10)
-    acceleration: float | None = number("m/s^2", None, "of a driven vehicle", lo=0, hi=10)
-    force: float | None = number("N", None, "of all axles together, at the rims", lo=0, hi=1e8)
-    until: str = text_field("", "when or where it ends, '12 s' or '130 m'; it is zero from then on")
+    deceleration: float | None = number(
+        "m/s^2", None, "deceleration of a braked vehicle", lo=0, hi=10
+    )
+    acceleration: float | None = number(
+        "m/s^2", None, "acceleration of a driven vehicle", lo=0, hi=10
+    )
+    force: float | None = number(
+        "N", None, "force of all axles together, at the rims", lo=0, hi=1e8
+    )
+    until: str = text_field(
+        "", "when or where the demand ends, '12 s' or '130 m'; it is 0 from then on"
+    )
 
     def misfits(self) -> Iterator[Fault]:
         """None of them, or more than one; an end that is none."""
@@ -56,11 +64,15 @@ class Profile(Part):
     """A demand over time, speed or position: held from point to point, over speed a line."""
 
     kind: Literal["table"] = "table"
-    over: Literal["time", "speed", "position"] = text_field("time", "what the points are over")
+    over: Literal["time", "speed", "position"] = text_field("time", "what the demand depends on")
     at: tuple[float, ...] = number("by over", MISSING, "time, speed or position of each point")
-    deceleration: tuple[float, ...] | None = number("m/s^2", None, "at each point", lo=0, hi=10)
-    acceleration: tuple[float, ...] | None = number("m/s^2", None, "at each point", lo=0, hi=10)
-    force: tuple[float, ...] | None = number("N", None, "at each point", lo=0, hi=1e8)
+    deceleration: tuple[float, ...] | None = number(
+        "m/s^2", None, "value at each point", lo=0, hi=10
+    )
+    acceleration: tuple[float, ...] | None = number(
+        "m/s^2", None, "value at each point", lo=0, hi=10
+    )
+    force: tuple[float, ...] | None = number("N", None, "value at each point", lo=0, hi=1e8)
 
     def misfits(self) -> Iterator[Fault]:
         """Lists of unequal length, points that do not rise."""

@@ -15,21 +15,38 @@ class Pads(Part):
     """Pads of discs or blocks on the tread; the actuator's torque is at their nominal friction."""
 
     material: Literal["cast_iron", "composite", "cosid", "disc"] = text_field(
-        "disc", "what rubs: cast iron, composite or Cosid blocks on the tread, pads on discs"
+        "disc",
+        "friction pair: cast iron, composite or Cosid blocks on the tread, or pads on discs",
     )
     nominal: float | None = number(
-        "1", None, "friction at which the actuator's torque is told; none: as at 60 km/h and 5 kN",
-        lo=0.01, hi=1,
-    )  # fmt: skip
+        "1",
+        None,
+        (
+            "friction for which the torque of the actuator is given; none given: that at"
+            " 60 km/h and 5 kN"
+        ),
+        lo=0.01,
+        hi=1,
+    )
     blocks: int = number("1", 8, "blocks of a wheelset", lo=1, hi=64)
-    radius: float | None = number("m", None, "where they act; none: at the rim", lo=0.05, hi=1)
+    radius: float | None = number(
+        "m", None, "radius at which the pads act; none given: the wheel radius", lo=0.05, hi=1
+    )
     spread: float = number("1", 1.0, "factor on the friction", lo=0.1, hi=3)
     heat_capacity: float | None = number(
-        "J/K", None, "of a wheelset's discs, or of its wheels; none: they stay cold", lo=1, hi=1e9
+        "J/K",
+        None,
+        "heat capacity of a wheelset's discs, or of its wheels; none given: they stay cold",
+        lo=1,
+        hi=1e9,
     )
-    cooling: float = number("W/K", 0.0, "what the air takes", lo=0, hi=1e6)
-    fade: float = number("1/K", 0.0, "share of friction lost by K above fade_from", lo=0, hi=0.1)
-    fade_from: float = number("K", 250.0, "temperature above the air", lo=0, hi=3000)
+    cooling: float = number("W/K", 0.0, "heat that the air takes, per kelvin", lo=0, hi=1e6)
+    fade: float = number(
+        "1/K", 0.0, "share of the friction lost per kelvin above fade_from", lo=0, hi=0.1
+    )
+    fade_from: float = number(
+        "K", 250.0, "temperature above the air from which the pads fade", lo=0, hi=3000
+    )
 
     def misfits(self) -> Iterator[Fault]:
         """A fade without a temperature."""

@@ -40,7 +40,7 @@ class Patch(Part):
     begin: float = number("m", MISSING, "where it begins", lo=-1e6, hi=1e6, key="from")
     end: float = number("m", MISSING, "where it ends", lo=-1e6, hi=1e6, key="to")
     peak: float | None = number(
-        "1", None, "largest adhesion there, instead of the one of all places", lo=1e-3, hi=1
+        "1", None, "largest adhesion at this place, instead of `peak` of all places", lo=1e-3, hi=1
     )
 
     def misfits(self) -> Iterator[Fault]:
@@ -57,50 +57,74 @@ class Sand(Part):
     """Sand in front of axles, on the contaminated rail, while one of them slides."""
 
     axles: tuple[int, ...] = number("1", MISSING, "axles with a sander, 1 the first", lo=1, hi=32)
-    ahead: float = number("m", 0.4, "how far its nozzle is before the axle", lo=-10, hi=10)
-    rate: float = number("kg/s", 0.03, "of a nozzle, on one rail", lo=0, hi=1)
-    grip: float = number("kg/m", 7.5e-3, "on one rail, that recovers 63 %", lo=1e-6, hi=1)
-    carry: float = number("1", 0.7, "share that is left behind a wheel", lo=0, hi=1)
-    delay: float = number("s", 1.0, "from the slide to the sand", lo=0, hi=60)
-    above: float = number("m/s", 25 / 3.6, "speed above which it is poured", lo=0, hi=150)
-    slip: float = number("1", 0.05, "slip ratio of an axle that is a slide", lo=1e-3, hi=1)
+    ahead: float = number("m", 0.4, "distance of the nozzle ahead of the axle", lo=-10, hi=10)
+    rate: float = number("kg/s", 0.03, "sand from a nozzle, on one rail", lo=0, hi=1)
+    grip: float = number(
+        "kg/m",
+        7.5e-3,
+        "sand per metre of one rail that recovers 63 % of the adhesion",
+        lo=1e-6,
+        hi=1,
+    )
+    carry: float = number("1", 0.7, "share of the sand that remains behind a wheel", lo=0, hi=1)
+    delay: float = number("s", 1.0, "delay from the slide to the sand", lo=0, hi=60)
+    above: float = number("m/s", 25 / 3.6, "speed above which the sander works", lo=0, hi=150)
+    slip: float = number(
+        "1", 0.05, "slip ratio of an axle above which the sander works", lo=1e-3, hi=1
+    )
 
     def misfits(self) -> Iterator[Fault]:
         """A nozzle behind its axle, an axle twice."""
         if self.ahead < 0:
             yield "ahead", f"is {self.ahead:g} m: the nozzle is behind its axle; write it above 0"
         if not self.axles or len(set(self.axles)) != len(self.axles):
-            yield "axles", "must name each axle with a sander once"
+            yield "axles", "must name each axle with a sander, and none twice"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Contamination(Part):
     """A layer on the rail, which wheels that slide clean for the wheels behind them."""
 
-    law: str = text_field("", "creep law under the layer; none is the law of the rail")
-    condition: str = text_field("", "condition of that law; none is the law as it stands")
+    law: str = text_field("", "adhesion law of the layer; none given: the law of the rail")
+    condition: str = text_field("", "rail condition of that law; none given: the law as it stands")
     numbers: Mapping[str, float | str] = text_field({}, "parameters of that law")
     peak: float | None = number(
-        "1", None, "largest adhesion of the layer at the speed at the start; none: as it is",
-        lo=1e-3, hi=1,
-    )  # fmt: skip
-    tau: float = number(
-        "m/J", 3.4e-5, "strength of the cleaning: 1 by the energy per metre of one rail that"
-        " recovers 63 %; 0 cleans nothing", lo=0, hi=1,
-    )  # fmt: skip
-    layers: float = number(
-        "1", 1.0, "1 recovers at once, 2 late: both layers have to go", lo=1, hi=10
+        "1",
+        None,
+        "largest adhesion of the layer, at the speed at the start; none given: that of the law",
+        lo=1e-3,
+        hi=1,
     )
-    own: bool = text_field(False, "whether a wheel finds what it cleans itself")
+    tau: float = number(
+        "m/J",
+        3.4e-5,
+        (
+            "strength of the cleaning: 1 over the energy per metre of one rail that"
+            " recovers 63 % of the adhesion; 0: wheels clean nothing"
+        ),
+        lo=0,
+        hi=1,
+    )
+    layers: float = number(
+        "1",
+        1.0,
+        (
+            "exponent of the cleaning; with 1 adhesion recovers from the first joule, with"
+            " 2 late, as with two layers"
+        ),
+        lo=1,
+        hi=10,
+    )
+    own: bool = text_field(False, "whether a wheel itself runs on the rail that it cleans")
     drying: float | None = number(
-        "s", None, "time in which the layer dries by itself", lo=1, hi=1e6
+        "s", None, "time constant in which the layer dries by itself", lo=1, hi=1e6
     )
     fouling: float | None = number(
-        "s", None, "time in which cleaned rail is fouled again", lo=1, hi=1e6
+        "s", None, "time constant in which cleaned rail is fouled again", lo=1, hi=1e6
     )
     cell: float = number("m", 0.25, "length over which the energy is averaged", lo=0.15, hi=5)
-    places: tuple[Patch, ...] = text_field((), "where the layer is; none: everywhere")
-    sand: Sand | None = text_field(None, "sand in front of axles; none: none")
+    places: tuple[Patch, ...] = text_field((), "where the layer lies; none given: everywhere")
+    sand: Sand | None = text_field(None, "sanders; none given: no sand")
 
     def misfits(self) -> Iterator[Fault]:
         """A nozzle so near to its axle that the sand is not measured before the wheel is there."""
@@ -119,11 +143,15 @@ class Track(Part):
     conditions: Mapping[str, Mapping[str, float | str]] = text_field(
         {}, "parameters of the law by condition, beside those that the law brings"
     )
-    sections: tuple[Stretch, ...] = text_field(MISSING, "along the track, or one after the other")
+    sections: tuple[Stretch, ...] = text_field(
+        MISSING, "sections along the track, or one after the other in time"
+    )
     gradient: float | tuple[Slope, ...] = number(
         "1", 0.0, "rise over run, uphill positive; or sections of it", lo=-0.1, hi=0.1
     )
-    contamination: Contamination | None = text_field(None, "a layer on the rail; none: it is clean")
+    contamination: Contamination | None = text_field(
+        None, "a layer on the rail; none given: clean rail"
+    )
 
     def wrong(self) -> Iterator[Fault]:
         """Numbers off range; sections that do not follow each other."""

@@ -23,7 +23,7 @@ class ToothWheel(Part):
     kind: Literal["tooth_wheel"] = "tooth_wheel"
     teeth: int = number("1", 100, "teeth", lo=1, hi=1000)
     clock: float = number("s", 1e-6, "resolution of the timer", lo=1e-9, hi=1e-3)
-    jitter: float = number("s", 2e-6, "of an edge, standard deviation", lo=0, hi=1e-3)
+    jitter: float = number("s", 2e-6, "jitter of an edge, standard deviation", lo=0, hi=1e-3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,8 +31,8 @@ class NoisyWheel(Part):
     """Wheel speed with noise, steps and lost samples."""
 
     kind: Literal["noisy"] = "noisy"
-    deviation: float = number("rad/s", 0.0, "of the noise", lo=0, hi=100)
-    step: float = number("rad/s", 0.0, "of the quantisation; 0 has none", lo=0, hi=100)
+    deviation: float = number("rad/s", 0.0, "standard deviation of the noise", lo=0, hi=100)
+    step: float = number("rad/s", 0.0, "step of the quantisation; 0: none", lo=0, hi=100)
     dropout: float = number("1", 0.0, "share of lost samples; the last one is held", lo=0, hi=0.99)
 
 
@@ -41,8 +41,8 @@ class NoisySpeed(Part):
     """Vehicle speed with noise, steps and lost samples, as of a radar."""
 
     kind: Literal["noisy"] = "noisy"
-    deviation: float = number("m/s", 0.0, "of the noise", lo=0, hi=10)
-    step: float = number("m/s", 0.0, "of the quantisation; 0 has none", lo=0, hi=10)
+    deviation: float = number("m/s", 0.0, "standard deviation of the noise", lo=0, hi=10)
+    step: float = number("m/s", 0.0, "step of the quantisation; 0: none", lo=0, hi=10)
     dropout: float = number("1", 0.0, "share of lost samples; the last one is held", lo=0, hi=0.99)
 
 
@@ -51,10 +51,16 @@ class WheelsOnly(Part):
     """Vehicle speed from the wheels alone: the axle that slips least, within a largest rate."""
 
     kind: Literal["wheels"] = "wheels"
-    rate: float = number("m/s^2", 1.5, "most that the vehicle can change its speed", lo=0.01, hi=10)
-    margin: float = number("1", 0.15, "share by which the torques may be wrong", lo=0, hi=1)
+    rate: float = number(
+        "m/s^2", 1.5, "largest rate at which the vehicle can change its speed", lo=0.01, hi=10
+    )
+    margin: float = number("1", 0.15, "relative error of the torques", lo=0, hi=1)
     beside: float = number(
-        "m/s^2", 0.15, "what gradient and resistance may do beside the torques", lo=0, hi=5
+        "m/s^2",
+        0.15,
+        "largest acceleration by gradient and resistance, beside the torques",
+        lo=0,
+        hi=5,
     )
 
 
@@ -63,7 +69,7 @@ class LargestWheel(Part):
     """Vehicle speed of classical slide protection: the fastest wheel, a largest deceleration."""
 
     kind: Literal["largest_wheel"] = "largest_wheel"
-    rate: float = number("m/s^2", 1.5, "most that the vehicle can slow down by", lo=0.01, hi=10)
+    rate: float = number("m/s^2", 1.5, "largest deceleration of the vehicle", lo=0.01, hi=10)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,18 +78,24 @@ class Fused(Part):
 
     kind: Literal["fused"] = "fused"
     spread: float = number(
-        "m/s^2", 0.05, "deviation of the accelerometer's bias and the slope together", lo=1e-4, hi=2
+        "m/s^2",
+        0.05,
+        "standard deviation of the accelerometer's bias and the slope together",
+        lo=1e-4,
+        hi=2,
     )
-    wander: float = number("m/s^2", 1e-3, "by how much that changes in a second", lo=0, hi=2)
+    wander: float = number(
+        "m/s^2", 1e-3, "change of that sum within a second, standard deviation", lo=0, hi=2
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Accelerometer(Part):
     """Acceleration along the track, as an accelerometer on the vehicle reads it."""
 
-    bias: float = number("m/s^2", 0.0, "bias", lo=-5, hi=5)
-    deviation: float = number("m/s^2", 0.0, "of the noise", lo=0, hi=10)
-    gradient: bool = text_field(True, "whether it feels the gradient of the track")
+    bias: float = number("m/s^2", 0.0, "constant error", lo=-5, hi=5)
+    deviation: float = number("m/s^2", 0.0, "standard deviation of the noise", lo=0, hi=10)
+    gradient: bool = text_field(True, "whether it measures the gradient of the track too")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,10 +104,16 @@ class SensorFault(Part):
 
     axle: int = number("1", MISSING, "number of the axle, 1 the first", lo=1, hi=32)
     kind: Literal["frozen", "missing", "jumps"] = text_field(
-        "frozen", "'frozen' at what it read, 'missing' with no pulses, or 'jumps' by a share"
+        "frozen",
+        (
+            "'frozen' at its last value, 'missing' pulses (it reads 0), or 'jumps' by a"
+            " share of the speed"
+        ),
     )
-    time: float = number("s", 0.0, "from which on", lo=0, hi=1e5)
-    share: float = number("1", 0.5, "by which one that jumps reads more", lo=-1, hi=10)
+    time: float = number("s", 0.0, "time from which the sensor fails", lo=0, hi=1e5)
+    share: float = number(
+        "1", 0.5, "share by which a sensor that jumps reads too much", lo=-1, hi=10
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,4 +138,7 @@ class Sensors(Part):
         if fused and self.accelerometer is None:
             yield "vehicle_speed", "kind = 'fused' needs an accelerometer; write accelerometer = {}"
         if self.accelerometer is not None and not fused:
-            yield "accelerometer", "nothing reads it; write vehicle_speed = { kind = 'fused' }"
+            yield (
+                "accelerometer",
+                "no estimator uses it; write vehicle_speed = { kind = 'fused' }",
+            )

@@ -35,20 +35,35 @@ from slipctl.run.measures.slide_metrics import SLIDES
 class Limits(Part):
     """Largest values that are accepted: a run that is above one is marked."""
 
-    distance: float | None = number("m", None, "over the run", lo=0)
-    stopping_distance: float | None = number("m", None, "until standstill", lo=0)
-    settling_time: float | None = number("s", None, "after each change of the rail", lo=0)
-    lock_time: float | None = number("s", None, "with a wheel that stands still", lo=0)
+    distance: float | None = number("m", None, "distance over the run", lo=0)
+    stopping_distance: float | None = number("m", None, "distance until standstill", lo=0)
+    settling_time: float | None = number(
+        "s", None, "settling time after each change of the rail", lo=0
+    )
+    lock_time: float | None = number("s", None, "time for which a wheel is locked", lo=0)
     slip_max: float | None = number("m/s", None, "slip speed", lo=0)
     slip_error_rms: float | None = number("m/s", None, "slip minus its reference", lo=0)
-    torque_ripple: float | None = number("N m", None, "before each change of the rail", lo=0)
-    jerk_rms: float | None = number("m/s^3", None, "of the vehicle", lo=0)
-    longest_slide: float | None = number("m", None, "of an axle that is 30 % slower", lo=0)
-    longest_lock: float | None = number("s", None, "of one axle", lo=0)
-    t_gamma: float | None = number("N", None, "energy into a contact by the metre", lo=0)
-    flat_energy: float | None = number("J", None, "into one spot of a locked wheel", lo=0)
-    wear: float | None = number("kg", None, "of the wheel that wears most", lo=0)
-    flash_temperature: float | None = number("K", None, "above wheel and rail", lo=0)
+    torque_ripple: float | None = number(
+        "N m", None, "ripple of the torque before each change of the rail", lo=0
+    )
+    jerk_rms: float | None = number("m/s^3", None, "jerk of the vehicle, rms", lo=0)
+    longest_slide: float | None = number(
+        "m",
+        None,
+        "longest way over which one axle is more than 30 % slower than the vehicle",
+        lo=0,
+    )
+    longest_lock: float | None = number(
+        "s", None, "longest time for which one axle is locked", lo=0
+    )
+    t_gamma: float | None = number("N", None, "largest energy into one contact per metre", lo=0)
+    flat_energy: float | None = number(
+        "J", None, "largest energy into one spot of a locked wheel", lo=0
+    )
+    wear: float | None = number("kg", None, "wear of the wheel that wears most", lo=0)
+    flash_temperature: float | None = number(
+        "K", None, "flash temperature of a contact above wheel and rail", lo=0
+    )
     stop_jolt: float | None = number("m/s^2", None, "deceleration that ends at standstill", lo=0)
 
 
@@ -56,17 +71,23 @@ class Limits(Part):
 class DrawnPatches(Part):
     """Contaminated places that are drawn at random; where two overlap, the lower peak counts."""
 
-    many: tuple[int, ...] = number("1", (1, 3), "least and most of them", lo=0, hi=40, key="number")
+    many: tuple[int, ...] = number(
+        "1", (1, 3), "smallest and largest number of places", lo=0, hi=40, key="number"
+    )
     length: tuple[float, ...] = number("m", MISSING, "least and most of one", lo=0.1, hi=1e5)
     peak: tuple[float, ...] = number("1", MISSING, "least and most of one", lo=1e-3, hi=1)
-    begin: float = number("m", 0.0, "first place where one may begin", lo=0, hi=1e6, key="from")
-    end: float = number("m", MISSING, "last place where one may begin", lo=0, hi=1e6, key="to")
+    begin: float = number(
+        "m", 0.0, "first position at which a place may begin", lo=0, hi=1e6, key="from"
+    )
+    end: float = number(
+        "m", MISSING, "last position at which a place may begin", lo=0, hi=1e6, key="to"
+    )
 
     def misfits(self) -> Iterator[Fault]:
         """Pairs that are none."""
         for name, given in (("number", self.many), ("length", self.length), ("peak", self.peak)):
             if len(given) != 2 or given[0] > given[1]:
-                yield name, "is two values, the least and the most"
+                yield name, "is a pair; write the smallest value, then the largest"
         if self.end <= self.begin:
             yield "to", f"is {self.end:g} m, they begin at {self.begin:g} m; write a larger one"
 
@@ -94,19 +115,39 @@ class Drawn(Part):
 class Assumed(Part):
     """What ``slipctl certify`` takes for granted where it bounds what a law has to withstand."""
 
-    error: float = number("1", 0.1, "share by which a fitted adhesion may be wrong", lo=0, hi=1)
-    tube: float = number("1", 0.05, "share of the best slip within which the slip is held",
-                         lo=1e-3, hi=0.5)  # fmt: skip
-    push: float = number("m/s^2", 0.1, "what pushes the slip of an axle in any way, beside what the"
-                         " other axles do", lo=0, hi=100)  # fmt: skip
-    noise: float = number("m/s", 0.0, "largest noise of the slip that a controller sees", lo=0,
-                          hi=10)  # fmt: skip
-    off: float = number("m/s", 0.0, "how far the slip may be off its rest at the start", lo=0,
-                        hi=10)  # fmt: skip
-    time: float | None = number("s", None, "for which a controller that runs is asked; not told:"
-                                " for ever", lo=1e-3, hi=10)  # fmt: skip
-    slip: float | None = number("m/s", None, "slip that a slide protection never lets be exceeded;"
-                                " not told: that of a locked wheel", lo=1e-3, hi=150)  # fmt: skip
+    error: float = number("1", 0.1, "largest relative error of a fitted adhesion", lo=0, hi=1)
+    tube: float = number(
+        "1", 0.05, "share of the best slip within which the slip is held", lo=1e-3, hi=0.5
+    )
+    push: float = number(
+        "m/s^2",
+        0.1,
+        (
+            "largest disturbance of the slip's rate on one axle, of any course, beside the"
+            " effect of the other axles"
+        ),
+        lo=0,
+        hi=100,
+    )
+    noise: float = number(
+        "m/s", 0.0, "largest noise of the slip that the controller measures", lo=0, hi=10
+    )
+    off: float = number(
+        "m/s", 0.0, "largest distance of the slip from its equilibrium at the start", lo=0, hi=10
+    )
+    time: float | None = number(
+        "s", None, "time for which the bound shall hold; none given: for ever", lo=1e-3, hi=10
+    )
+    slip: float | None = number(
+        "m/s",
+        None,
+        (
+            "slip that slide protection shall never let a wheel exceed; none given: that"
+            " of a locked wheel"
+        ),
+        lo=1e-3,
+        hi=150,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,25 +155,33 @@ class Trip(Part):
     """A vehicle on its way: what it is, what it runs on, what is wanted, and who controls it."""
 
     title: str = text_field("A vehicle of one's own", "a line for report and figures")
-    duration: float = number("s", 30.0, "of the run", lo=0.01, hi=1e4)
-    end: str = text_field("", "what ends a run before: 'standstill', or a place of the first axle")
+    duration: float = number("s", 30.0, "duration of the run", lo=0.01, hi=1e4)
+    end: str = text_field(
+        "", "what ends the run before its duration: 'standstill', or a position of the first axle"
+    )
     vehicle: Vehicle = text_field(MISSING, "the vehicle")
-    actuator: Actuator = text_field(MISSING, "what turns or brakes each axle")
+    actuator: Actuator = text_field(MISSING, "what drives or brakes each axle")
     rail: Track = text_field(MISSING, "the rail")
-    demand: Constant | Profile | Most = text_field(Most(), "what is wanted")
-    sensors: Sensors = text_field(Sensors(), "what is measured")
-    reference: Reference = text_field(Searched(), "slip that the controllers go to")
-    control: SlipControl = text_field(SlipControl(), "when slip control takes over")
+    demand: Constant | Profile | Most = text_field(Most(), "demand of brake or drive")
+    sensors: Sensors = text_field(Sensors(), "what the controllers measure")
+    reference: Reference = text_field(Searched(), "slip reference of the controllers")
+    control: SlipControl = text_field(
+        SlipControl(),
+        (
+            "when slip control takes over from the demand, and what it does about"
+            " implausible signals"
+        ),
+    )
     controllers: Mapping[str, Controller] = text_field(
         MISSING, "controllers by a name of one's own"
     )
-    limits: Limits = text_field(Limits(), "what a run may not exceed")
+    limits: Limits = text_field(Limits(), "largest values that are accepted")
     ensemble: Drawn | None = text_field(
-        None, "what differs from draw to draw where gains are tuned"
+        None, "what varies from draw to draw in sweep, tune and certify"
     )
-    certify: Assumed = text_field(Assumed(), "what certificates take for granted")
-    seed: int = number("1", 1, "of all noise", lo=0, hi=2**31)
-    noise: float = number("1", 1.0, "factor on every noise; 0 is silent", lo=0, hi=100)
+    certify: Assumed = text_field(Assumed(), "what certificates assume")
+    seed: int = number("1", 1, "seed of all noise", lo=0, hi=2**31)
+    noise: float = number("1", 1.0, "factor on every noise; 0: no noise", lo=0, hi=100)
 
     @property
     def believed(self) -> tuple[float, ...]:

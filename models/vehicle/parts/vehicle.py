@@ -32,27 +32,42 @@ class Davis(Part):
 class Car(Part):
     """A car, or several alike: its mass, its bogies, and how its load moves when it brakes."""
 
-    count: int = number("1", 1, "how many such cars", lo=1, hi=32)
+    count: int = number("1", 1, "number of such cars", lo=1, hi=32)
     mass: float | None = number("kg", None, "mass; or tare and load", lo=100, hi=1e8)
     tare: float | None = number("kg", None, "mass without load", lo=100, hi=1e8)
     load: float = number("kg", 0.0, "load, on top of tare", lo=0, hi=1e8)
-    axles: int = number("1", 4, "how many axles", lo=1, hi=32)
-    bogies: int = number("1", 2, "how many bogies; 0: the axles are under the body", lo=0, hi=16)
-    wheelbase: float = number("m", 2.1, "between the axles of a bogie", lo=0.4, hi=30)
-    bogie_centres: float = number("m", 11.0, "between its bogies", lo=0, hi=60)
-    length: float = number("m", 18.0, "over its buffers or couplers", lo=1, hi=100)
-    radius: float | None = number("m", None, "of its wheels; none: of the vehicle", lo=0.2, hi=1)
+    axles: int = number("1", 4, "number of axles", lo=1, hi=32)
+    bogies: int = number("1", 2, "number of bogies; 0: the axles are under the body", lo=0, hi=16)
+    wheelbase: float = number("m", 2.1, "distance of the axles of a bogie", lo=0.4, hi=30)
+    bogie_centres: float = number("m", 11.0, "distance of its bogie centres", lo=0, hi=60)
+    length: float = number("m", 18.0, "length over buffers or couplers", lo=1, hi=100)
+    radius: float | None = number(
+        "m", None, "wheel radius; none given: that of the vehicle", lo=0.2, hi=1
+    )
     inertia: float | None = number(
-        "kg m^2", None, "of one of its wheelsets; none: of the vehicle", lo=0.1, hi=1e5
+        "kg m^2",
+        None,
+        (
+            "moment of inertia of one wheelset with all that rotates with it; none given:"
+            " that of the vehicle"
+        ),
+        lo=0.1,
+        hi=1e5,
     )
     height: float | None = number(
-        "m", None, "of the body's centre of mass above the rail; none: no load moves", lo=0.1, hi=5
+        "m",
+        None,
+        "height of the body's centre of mass above the rail; none given: no load transfer",
+        lo=0.1,
+        hi=5,
     )
-    pivot_height: float = number("m", 0.8, "where the bogie pulls the body", lo=0, hi=3)
-    bogie_mass: float = number("kg", 0.0, "of one bogie without wheelsets", lo=0, hi=1e5)
-    bogie_height: float = number("m", 0.6, "of its centre of mass", lo=0, hi=3)
-    wheelset_mass: float = number("kg", 0.0, "of one wheelset", lo=0, hi=1e4)
-    pads: Pads | None = text_field(None, "of its brakes; none: those of the vehicle")
+    pivot_height: float = number(
+        "m", 0.8, "height at which the bogie transmits the brake force to the body", lo=0, hi=3
+    )
+    bogie_mass: float = number("kg", 0.0, "mass of one bogie without wheelsets", lo=0, hi=1e5)
+    bogie_height: float = number("m", 0.6, "height of the bogie's centre of mass", lo=0, hi=3)
+    wheelset_mass: float = number("kg", 0.0, "mass of one wheelset", lo=0, hi=1e4)
+    pads: Pads | None = text_field(None, "brake pads; none given: those of the vehicle")
 
     def misfits(self) -> Iterator[Fault]:
         """Masses and lengths that do not fit together."""
@@ -151,31 +166,51 @@ class Vehicle(Part):
     tare: float | None = number("kg", None, "mass without load", lo=1e3, hi=1e8)
     load: float = number("kg", 0.0, "load, on top of tare", lo=0, hi=1e8)
     cars: tuple[Car, ...] = text_field((), "cars one behind the other, instead of mass and places")
-    axles: int = number("1", None, "how many axles; none: 4, or those of the cars", lo=1, hi=32)
-    wheelbase: float = number("m", 2.1, "between the axles of a bogie", lo=0, hi=30)
-    bogie_centres: float = number("m", 11.0, "between the bogies of a car", lo=0, hi=60)
-    car_length: float = number("m", 18.0, "from one car to the next, above 4 axles", lo=1, hi=100)
+    axles: int = number(
+        "1", None, "number of axles; none given: 4, or those of the cars", lo=1, hi=32
+    )
+    wheelbase: float = number("m", 2.1, "distance of the axles of a bogie", lo=0, hi=30)
+    bogie_centres: float = number("m", 11.0, "distance of the bogie centres of a car", lo=0, hi=60)
+    car_length: float = number(
+        "m", 18.0, "distance from one car to the next, for more than 4 axles", lo=1, hi=100
+    )
     places: tuple[float, ...] | None = number(
-        "m", None, "of each axle behind the first, instead of the lengths", lo=0, hi=3000
+        "m", None, "distance of each axle behind the first, instead of the lengths", lo=0, hi=3000
     )
     driven: tuple[int, ...] | None = number(
         "1", None, "numbers of the driven axles, 1 the first; none given: all", lo=1, hi=32
     )
     radius: float | tuple[float, ...] = number(
-        "m", 0.42, "of the wheels, or of each axle", lo=0.2, hi=1
+        "m", 0.42, "wheel radius, one for all or one for each axle", lo=0.2, hi=1
     )
     inertia: float | None = number(
-        "kg m^2", None, "of one wheelset with all that turns with it", lo=INERTIA[0], hi=INERTIA[1]
+        "kg m^2",
+        None,
+        "moment of inertia of one wheelset with all that rotates with it",
+        lo=INERTIA[0],
+        hi=INERTIA[1],
     )
     rotating_mass: float | None = number(
-        "1", None, "share of the mass without load, instead of the inertia", lo=1e-3, hi=1
+        "1",
+        None,
+        "rotating masses as a share of the mass without load, instead of the inertia",
+        lo=1e-3,
+        hi=1,
     )
     resistance: Davis = text_field(Davis(), "running resistance")
-    pads: Pads | None = text_field(None, "of its brakes; none: a constant friction")
-    patch: float = number("m^2", PATCH, "contact of a wheel, for wear and heat", lo=1e-6, hi=1e-3)
-    patch_half_length: float = number("m", HALF_LENGTH, "of it, in rolling", lo=1e-4, hi=0.05)
-    speed: float = number("m/s", MISSING, "at the start", lo=0, hi=150)
-    gravity: float = number("m/s^2", 9.81, "gravity", lo=1, hi=30)
+    pads: Pads | None = text_field(None, "brake pads; none given: a constant friction")
+    patch: float = number(
+        "m^2", PATCH, "area of the contact patch of a wheel, for wear and heat", lo=1e-6, hi=1e-3
+    )
+    patch_half_length: float = number(
+        "m",
+        HALF_LENGTH,
+        "half the length of the patch, in the direction of rolling",
+        lo=1e-4,
+        hi=0.05,
+    )
+    speed: float = number("m/s", MISSING, "speed at the start", lo=0, hi=150)
+    gravity: float = number("m/s^2", 9.81, "gravitational acceleration", lo=1, hi=30)
 
     def complete(self) -> None:
         """The number of axles."""

@@ -164,7 +164,7 @@ def needs(report: Report) -> str:
             wants = [f"{_bound(m, v)} (is {report.gains[m.partition('_')[2]]:.4g})"
                      for m, v in _finite(f)]  # fmt: skip
             missing.append(f"{name}: " + (" or ".join(wants) or "no such number"))
-        return "needs " + "; ".join(missing) if missing else "nothing that a criterion here names"
+        return "needs " + "; ".join(missing) if missing else "no limit of a gain decides it here"
     closest = (math.inf, "")
     for name, f in report.criteria.items():
         if f.verdict == systems.CERTIFIED:
@@ -244,7 +244,7 @@ def certify_study(
                                   subsequent_indent="    ")  # fmt: skip
         if a.costs:
             told_ = ", ".join(f"{k} {v:.0%}" for k, v in sorted(a.costs.items(), key=_share))
-            rows += textwrap.wrap(f"half of a range leaves of the bound: {told_}", 96,
+            rows += textwrap.wrap(f"the bound that remains when a range is halved: {told_}", 96,
                                   initial_indent="  ", subsequent_indent="    ")  # fmt: skip
     if of is None:
         rows += [line for n, why in study.uncertified.items()
@@ -253,7 +253,7 @@ def certify_study(
         rows += ["", f"{out}: certificate; slipctl check {out}"]
     if any(a.report.criteria[a.gains.condition].unit_dependent
            for a in found if a.condition is not None):  # fmt: skip
-        rows += ["", "* its verdict depends on the unit of length"]
+        rows += ["", "* the verdict of this condition depends on the unit of length"]
     return "\n".join(rows)
 
 
@@ -349,7 +349,7 @@ def promise_lines(report: Report) -> list[str]:
         lines.append(f"counterexample: {found.shows}")
     elif found.open:
         claims = (found.promise.claims[k] for k in found.open)
-        lines.append(f"neither proved nor refuted: {'; '.join(claims)}")
+        lines.append(f"undecided, neither proved nor refuted: {'; '.join(claims)}")
     if found.promise.not_promised:
         lines.append(f"not promised: {'; '.join(found.promise.not_promised)}")
     return [

@@ -39,8 +39,8 @@ def find(name: str) -> tuple[Study, list[Gains]]:
     left, _, right = name.rpartition(":")
     if left.endswith(".py") and not hasattr(resolve.load_file(left), "study"):
         raise BadInput(
-            f"{left} declares no study, so nothing says what {right} shall withstand; write its"
-            " gains into a Study, or its tick as a System (slipctl docs certify)"
+            f"{left} declares no study, so it does not say what {right} has to withstand;"
+            " write its gains into a Study, or its tick as a System (slipctl docs certify)"
         )
     study = resolve.load_study(left)
     exact = [g for g in study.gains if g.name == right]
@@ -198,7 +198,7 @@ def _told(found: Farthest) -> list[str]:
     if found.refuted is not None:
         rows.append(f"  REFUTED   {on} {found.refuted:g}{unit}")
     elif found.certified == far:
-        rows.append(f"  no end was found up to {far:g}{unit}")
+        rows.append(f"  no limit was found up to {far:g}{unit}")
     else:
         rows.append(f"  REFUTED   nowhere up to {far:g}{unit}")
     rows.append(f"  {len(found.tried)} values were tried; between them nothing is promised")

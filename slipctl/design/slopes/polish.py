@@ -53,7 +53,7 @@ def polish(search: Search) -> Polished:
     if without:
         return Polished(f"{', '.join(without)} has no slope")
     if search.best.score.lost():
-        return Polished("a draw that is never reached has no slope")
+        return Polished("a draw that never reaches the metric has no gradient")
     names = [f.name for f in search.frees]
     try:
         slopes = Slopes(search.rolls.world, names)

@@ -242,8 +242,8 @@ def _scale(block: Block, log: Recording, signal: Signal, column: str, told: str)
     if unit(told).dims != unit(signal.unit).dims:
         radius = next((n for n in block.params if n.rpartition(".")[2] == "r"), "r")
         raise BadInput(
-            f"{column} is in {told}, {signal.name} in {signal.unit}, another dimension; turn it"
-            f" round, '{column}[{told}] / {radius}' say"
+            f"the column {column} is in {told}, and {signal.name} is in {signal.unit}, another"
+            f" dimension; convert it by an expression, such as '{column}[{told}] / {radius}'"
         )
     scale = factor(told, signal.unit)
     if scale != 1.0:

@@ -222,5 +222,6 @@ def _columns(
     ticks = int(np.floor((float(log.time[-1]) - first) / h + 1e-6)) + 1
     at = first + h * np.arange(max(ticks, 0))
     if log.spacing < 0.5 * h:
-        notes.append(f"samples every {log.spacing:.4g} s become ticks of {h:g} s without a filter")
+        notes.append(f"samples every {log.spacing:.4g} s are resampled to ticks of {h:g} s, without"
+                     " an anti-aliasing filter")  # fmt: skip
     return first, ticks, {n: resample_at(t, x, at, rule) for n, (t, x) in channels.items()}

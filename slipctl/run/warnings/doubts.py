@@ -175,8 +175,8 @@ def _span(
     unit = "" if s.unit == "1" else f" {s.unit}"
     last = max(b - 1, 0)
     numbers = (
-        f"{what}{where} is off by more than {AWAY:g} of its own deviations from"
-        f" {time[a]:.4g} s to {time[last]:.4g} s: at the end {one[last, axle]:.4g}{unit}, not"
+        f"{what}{where} errs by more than {AWAY:g} of its own standard deviations from"
+        f" {time[a]:.4g} s to {time[last]:.4g} s: at the end {one[last, axle]:.4g}{unit} for a true"
         f" {truth[last, axle]:.4g}{unit}, with a deviation of {sure[last, axle]:.2g}{unit}"
     )
     return b - a, EstimateOff(
@@ -308,8 +308,8 @@ def _unreached(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
         return
     if not end.there(np.asarray(log[end.signal]).reshape(len(time), -1)).any():
         yield (
-            f"{end.signal} does not come to {end.above:g}, where the run was to end; it ends after"
-            f" {scenario.duration:g} s"
+            f"the run was to end where {end.signal} reaches {end.above:g}, which it does not; the"
+            f" run ends with its duration, {scenario.duration:g} s"
         )
 
 
@@ -338,7 +338,7 @@ def _off_range(loop: Block, log: Values) -> Iterator[str]:
             unit = "" if s.unit == "1" else f" {s.unit}"
             yield (
                 f"{n} leaves its range, {s.lo:g} .. {s.hi:g}{unit}, at {log['time'][k]:.4g} s, and"
-                f" is {far:.4g}{unit} at most: what it is a model of does not reach so far"
+                f" comes to {far:.4g}{unit}: the model is not valid there"
             )
 
 
@@ -360,8 +360,8 @@ def _giving(loop: Block, log: Values) -> Iterator[str]:
         moved = np.sum(np.abs(power)) * (time[1] - time[0])
         if given > GIVEN * moved + 1.0:
             yield (
-                f"{n} takes power, and gives {given:.4g} J in this run: energy from nowhere; look"
-                " for a sign, or a law that pushes the way it should hold"
+                f"{n} should take energy and delivers {given:.4g} J in this run; check the signs,"
+                " and whether its law acts against the motion"
             )
 
 
@@ -376,9 +376,9 @@ def _quantised(loop: Block) -> Iterator[str]:
         step, noise = float(np.max(values[n])), float(np.max(values[beside]))
         if 0 < noise < step / 12**0.5 and loop.params[beside].unit == s.unit:
             yield (
-                f"{beside} = {noise:.3g} {s.unit} is below the quantisation, whose steps of"
-                f" {step:.3g} {s.unit} have a deviation of {step / 12**0.5:.3g} {s.unit}: what is"
-                " read stands still and jumps"
+                f"{beside} = {noise:.3g} {s.unit} is below the {step / 12**0.5:.3g} {s.unit} of the"
+                f" quantisation, standard deviation of steps of {step:.3g} {s.unit}: the measured"
+                " value stands still and jumps"
             )
 
 
@@ -392,4 +392,4 @@ def _unfed(loop: Block, scenario: Scenario) -> Iterator[str]:
         hits = [k for k, g in made.items() if k.rpartition(".")[2] == last and g.unit == s.unit
                 and k.rpartition(".")[0] != home and g.positive == s.positive]  # fmt: skip
         if hits:
-            yield f"no wire feeds {n}: it stands at {s.value} {s.unit}, while there is {hits[0]}"
+            yield f"no wire feeds {n}, so it keeps {s.value} {s.unit}; wire it to {hits[0]}?"

@@ -1,8 +1,8 @@
 """What the wheels of a run did that a reader has to know before its numbers: physics, in words.
 
 A wheel slides beyond the slip that its law of adhesion is meant for. A wheel spins without end.
-Slip control holds the brake below the demand though the rail would carry it. The speed that is
-made of the wheels is further off than it says of itself.
+Slip control holds the brake below the demand though the rail would carry it. The speed
+that is estimated from the wheels errs by more than it allows for.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from slipctl.analysis.rail_peaks import LAYER, Peaks
 from slipctl.block.block import Block
 from slipctl.block.reach import slip_input
 from slipctl.run.rail import Scenario
@@ -31,6 +32,9 @@ FIRST = "slip control holds"
 
 RATIO_FROM = 1.0
 """Speed in m/s below which a slip ratio says nothing."""
+
+MOVING = (*(f"plant.field.{n}" for n in LAYER), "plant.transfer.dN")
+"""Signals that say what a rail with a layer, and a load that moves, are like under each axle."""
 
 Values = Mapping[Any, Any]
 
@@ -53,7 +57,7 @@ def watched_wheels(loop: Block) -> set[str]:
     """Signals that :func:`wheel_warnings` needs."""
     known = {**loop.states, **loop.outputs}
     found = {"demand.T_demand", "ctl.T_cmd", "ctl.hold", "plant.T", "plant.train.x",
-             "plant.train.v", "speed.v_m", "speed.error"}  # fmt: skip
+             "plant.train.v", "speed.v_m", "speed.error", *MOVING}  # fmt: skip
     for path, _, slip in rail_laws(loop):
         home = path.rpartition(".")[0]
         found |= {slip, *(n for n in known if n.startswith(f"{home}.") and n.endswith(".v"))}
@@ -103,8 +107,8 @@ def _slides(loop: Block, log: Values) -> Iterator[str]:
             begin = time[int(np.argmax(beyond.any(axis=1)))]
             yield (
                 f"the wheel{_of_axle(axle, size)} slides at {size[k, axle]:.3g}{unit} of slip, and"
-                f" {law.name} is meant up to {limit:.3g}{unit}: from {begin:.4g} s on the adhesion"
-                " of a wheel that slides is not the rail's"
+                f" {law.name} is meant up to {limit:.3g}{unit}: from {begin:.4g} s on the run uses"
+                " adhesion for which the law is not meant"
             )
 
 
@@ -126,8 +130,8 @@ def _held(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
     command = _commanded(log)
     if command is None or not all(n in log for n in names):
         return
-    demand, place, v = (np.asarray(log[n], dtype=float) for n in names)
-    carried = _carried(loop, scenario, place, np.asarray(log["time"]))
+    demand, _, v = (np.asarray(log[n], dtype=float) for n in names)
+    carried = _carried(loop, scenario, log)
     if carried is None:
         return
     params = loop.param_values()
@@ -155,37 +159,41 @@ def _commanded(log: Values) -> np.ndarray | None:
     return _columns(log["ctl.T_cmd"]) if "ctl.T_cmd" in log else None
 
 
-def _carried(
-    loop: Block, scenario: Scenario, place: np.ndarray, time: np.ndarray
-) -> np.ndarray | None:
-    """Torque in N m that the rail under each axle carries at its best slip, in every row."""
-    found = next((one for one in rail_laws(loop) if one[0] == "plant.train.adh"), None)
+def _carried(loop: Block, scenario: Scenario, log: Values) -> np.ndarray | None:
+    """Torque in N m that the rail carries at its best slip under each axle, in every row.
+
+    The rail is as it is there and then: what wheels have cleaned of a layer, and what a layer
+    leaves of its curve, are in the log.
+    """
     params = loop.param_values()
-    if found is None or scenario.rail is None:
+    path = "plant.train.adh"
+    if not any(p.startswith(path) for p, _ in loop.leaves()) or scenario.rail is None:
         return None
-    path, law, _ = found
+    law = loop[path]
+    layered = set(LAYER) <= set(law.inputs)
+    if layered and not all(f"plant.field.{n}" in log for n in LAYER):
+        return None
+    v, place, time = (np.asarray(log[n], dtype=float)[:, None]
+                      for n in ("plant.train.v", "plant.train.x", "time"))  # fmt: skip
+    behind = np.reshape(params.get("plant.train.behind", 0.0), (1, -1))
+    at = time if scenario.rail.by == "time" else place - behind
+    section = np.maximum(np.searchsorted(scenario.rail.starts, at + 1e-9, side="right") - 1, 0)
+    share, height = (np.asarray(log[f"plant.field.{n}"]) for n in LAYER) if layered else (1.0, 1.0)
+    section, speed, fouled, clean = np.broadcast_arrays(
+        section + 0 * behind.astype(int), np.abs(v), (1 - share) * height, share
+    )
     by_rail = rail_values(loop, scenario)[1]
-    r, load = (np.asarray(params[f"plant.train.{n}"] if f"plant.train.{n}" in params else params[n])
-               for n in ("r", "m_axle"))  # fmt: skip
-    g = float(np.max(params.get("plant.train.g", params.get("plant.g", params.get("g", 9.81)))))
-    peaks = []
-    for k in range(len(scenario.rail.sections)):
+    peak = np.zeros(section.shape)
+    for k in np.unique(section):
         own = {n: float(np.max(by_rail.get(f"{path}.{n}", {k: params[f"{path}.{n}"]})[k]))
                for n, s in law.params.items() if not s.derived}  # fmt: skip
-        peaks.append(highest_adhesion(law, own))
-    at = time[:, None]
-    if scenario.rail.by != "time":
-        behind = params.get("plant.train.behind", 0.0)
-        at = place[:, None] - np.reshape(behind, (1, -1))
-    section = np.searchsorted(scenario.rail.starts, at + 1e-9, side="right") - 1
-    return np.asarray(peaks)[np.maximum(section, 0)] * r * load * g + 0 * np.reshape(r, (1, -1))
-
-
-def highest_adhesion(law: Block, numbers: Mapping[str, float]) -> float:
-    """Largest adhesion of a law of creep (and speed) at 10 m/s, on a grid of 3 % steps."""
-    slip, rest = str(slip_input(law)), {"v": 10.0} if "v" in law.inputs else {}
-    block = law.with_params(**numbers)
-    return max(abs(float(block(**{slip: s}, **rest)["mu"])) for s in np.geomspace(0.003, 10, 270))
+        there = section == k
+        peaks = Peaks(law, own, float(speed.max()))
+        peak[there] = peaks.at(speed[there], fouled[there], clean[there])[1]
+    r, mass = (np.asarray(params[f"plant.train.{n}"] if f"plant.train.{n}" in params else params[n])
+               for n in ("r", "m_axle"))  # fmt: skip
+    g = float(np.max(params.get("plant.train.g", params.get("plant.g", params.get("g", 9.81)))))
+    return peak * r * (mass * g + np.asarray(log.get("plant.transfer.dN", 0.0)))
 
 
 def longest_span(true: np.ndarray) -> tuple[int, int]:
@@ -211,7 +219,7 @@ def _wrong_speed(log: Values) -> Iterator[str]:
     k = int(np.argmax(over))
     if over[k] > 0:
         yield (
-            f"the speed that is made of the wheels is {believed[k]:.3g} m/s at"
-            f" {np.asarray(log['time'])[k]:.4g} s and the vehicle's {v[k]:.3g} m/s: further off"
-            f" than the {error[k]:.2g} m/s that it says"
+            f"the vehicle speed estimated from the wheels is {believed[k]:.3g} m/s at"
+            f" {np.asarray(log['time'])[k]:.4g} s, the true speed {v[k]:.3g} m/s: the error exceeds"
+            f" the {error[k]:.2g} m/s that the estimate allows for"
         )

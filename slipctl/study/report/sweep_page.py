@@ -20,7 +20,7 @@ from slipctl.run.sweep.spread import limits_missed, quantiles
 from slipctl.run.sweep.sweep_results import Sweep
 from slipctl.study.report.page_style import STYLE
 from slipctl.study.report.report_page import image, table
-from slipctl.study.report.texts import number, number_or_never
+from slipctl.study.report.texts import number, number_or_never, with_unit
 
 SHARES = (0.0, 0.05, 0.5, 0.95, 1.0)
 HEAD = ("least", "5 %", "median", "95 %", "largest", "never")
@@ -89,9 +89,7 @@ def _limits(sweeps: Mapping[str, Sweep]) -> str:
     head = ["loop", "within all limits", "95 % interval of the share"]
     for n, limit in limits.items():
         factor, unit = display_scale(units[n][0] if n in units else "1")
-        head.append(
-            f"runs that miss {n} ≤ {number(factor * limit)} {pretty(unit)}".replace(" 1", "")
-        )
+        head.append(f"runs that miss {n} ≤ {with_unit(factor * limit, pretty(unit))}")
     return table(head, rows, range(1, len(head))) + (
         '<p class="soft">A run that never reaches a metric, or broke off, misses its limit; a run'
         " may miss several. The interval is that of Clopper and Pearson.</p>"
@@ -129,7 +127,8 @@ def _pictures(sweeps: Mapping[str, Sweep], command: str) -> str:
         fig, axes = plots.panels(2 if pairs else 1, 1, height=2.7)
         limit = None
         if metric in limits:
-            limit = (f"limit {number(factor * limits[metric])}", factor * limits[metric])
+            value = factor * limits[metric]
+            limit = (f"limit {with_unit(value, pretty(unit))}", value)
         plots.spread({n: list(v) for n, v in columns.items()}, (metric, unit), axis=axes[0, 0],
                      limit=limit)  # fmt: skip
         if pairs:
@@ -142,7 +141,8 @@ def _pictures(sweeps: Mapping[str, Sweep], command: str) -> str:
         )
         if pairs:
             said += (
-                " Below, differences on the same draws, in order; two that never came differ by 0."
+                " Below are the differences on the same draws, sorted; two runs that never reach it"
+                " differ by 0."
             )
         svg = plots.svg_text(fig, command)
         out.append(f"<figure>{image(svg, said)}<figcaption>{escape(said)}</figcaption></figure>")

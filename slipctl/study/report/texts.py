@@ -239,12 +239,15 @@ def _best(name: str, values: Mapping[int, Any], digits: int) -> list[int]:
     """Columns whose number, as it is shown, is at the better end."""
     known = {k: v for k, v in values.items() if v is not None}
     better = METRICS[name].better
-    if not better or not known or len(values) < 2:
+    if not better or not known or len(values) < 2 or max(map(abs, known.values())) < ROUNDING:
         return []
     end = (min if better == "low" else max)(known.values())
     best = [k for k, v in known.items() if number(v, digits) == number(end, digits)]
     return best if len(best) < len(values) else []
 
+
+ROUNDING = 1e-12
+"""Size below which numbers differ by rounding alone, so that none of them is the best."""
 
 MARK = " !"
 """After a number that is above a limit of the study."""
@@ -264,7 +267,7 @@ def values_beyond_limit(results: Results, scenario: str) -> dict[str, dict[str, 
 
 
 def limits_broken(results: Results, scenario: str) -> list[str]:
-    """A line for each loop that is above a limit, with its numbers."""
+    """A line for each loop that exceeds a limit, with its numbers."""
     lines = []
     for loop, names in values_beyond_limit(results, scenario).items():
         said = []
@@ -278,7 +281,7 @@ def limits_broken(results: Results, scenario: str) -> list[str]:
             told = "never" if worst is None else with_unit(worst, metric.unit)
             said.append(f"{name} {told}, at most {with_unit(limit, metric.unit)}")
         if said:
-            lines.append(f"! {loop} is above its limits: {'; '.join(said)}")
+            lines.append(f"! loop {loop} exceeds its limits: {'; '.join(said)}")
     return lines
 
 
@@ -299,7 +302,7 @@ def left_out(loops: Mapping[str, Mapping[str, Metric]], limits: Container[str] =
         if name == "stopping_distance":
             why = "no loop comes to a standstill"
         else:
-            why = "no loop comes into the band to stay" if never else "0 for every loop"
+            why = "no loop settles in the band" if never else "0 for every loop"
         lines.append(f"{name}: {why}, so it is not shown")
     return lines
 
@@ -324,7 +327,7 @@ def absent(results: Results, scenario: str) -> list[str]:
                 reasons.setdefault(why, []).append(loop)
         for why, names in reasons.items():
             by_reason.setdefault((", ".join(names), why), []).append(name)
-    return [f"{', '.join(names)} of {of}: left out, there is {why}"
+    return [f"{', '.join(names)} of {of}: not shown, there is {why}"
             for (of, why), names in by_reason.items()]  # fmt: skip
 
 
