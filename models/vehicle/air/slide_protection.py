@@ -26,7 +26,7 @@ from slipctl.models.vehicle.air.pneumatics import (
     T_MAX,
     changes_by_valves,
 )
-from slipctl.models.vehicle.failure import NEVER
+from slipctl.models.vehicle.axle_samples import NEVER
 
 STATES = ("fill", "hold", "vent")
 """States of the machine; its output is the place of one in this list."""
@@ -38,14 +38,12 @@ PROPOSED = "a proposal; slipctl tune finds better ones"
 @step(a_w=Output("m/s^2", "acceleration of the rim, filtered", lo=-1e5, hi=1e5))
 def rim_acceleration(
     w_f=State("m/s", "v_start", "rim speed, filtered", lo=-1e3, hi=1e3),
-    omega=Input("rad/s", "believed wheel speed"),
-    r=Param("m", 0.42, "wheel radius", ADDED, lo=0.2, hi=1),
+    rim=Input("m/s", "believed speed of the rim"),
     T_f=Param("s", 0.04, "time constant of the filter", PROPOSED, lo=1e-3, hi=1),
     T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
     v_start=Param("m/s", 20.0, "vehicle speed at the start", ADDED, lo=0, hi=200),
 ):
     """Derivative of the rim speed behind a filter of first order."""
-    rim = r * omega
     moved = (rim - w_f) * fmin(T / T_f, 1)
     return dict(w_f=w_f + moved), dict(a_w=moved / T)
 
