@@ -31,6 +31,9 @@ WORN = 0.1
 SETTLED = 0.02
 """Seconds for which samples are good before slip control goes by them: the window of the meter."""
 
+BACK = 2.0
+"""Speed in m/s at which a vehicle rolls back at most; no wheel turns back faster than that."""
+
 DOUBT = 1.0
 """Seconds for which an axle slides alone before it is let go to see whether it runs up."""
 
@@ -138,7 +141,8 @@ class AxleSample:
         there = self.turn * (raw - last)
         moved = all_hold([there >= -(braked + 0.1 * self.rail) * way - noise,
                       there <= (0.05 * T_max + 0.6 * self.rail) * way + noise])  # fmt: skip
-        ranged = logic_and(raw >= -s["most"], raw <= s["most"])
+        back = BACK / s["r"] + s["noise"] + s["noise_slow"]
+        ranged = logic_and(raw >= -fmin(back, s["most"]), raw <= s["most"])
         return logic_and(ranged, logic_or(moved, out >= NEVER))
 
     def _torque(self) -> None:

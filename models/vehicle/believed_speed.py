@@ -21,6 +21,7 @@ from casadi import SX, fabs, fmax, fmin, if_else, logic_and, logic_not, logic_or
 from slipctl import Input, Output, Param, Signal, State
 from slipctl.models.common_form import ADDED
 from slipctl.models.vehicle.axle_samples import (
+    BACK,
     NEVER,
     SETTLED,
     WORN,
@@ -82,7 +83,7 @@ class VehicleSpeed:
         """Predict the speed by the momentum, and hold the sensor and the wheels against that."""
         self.s, self.turn, n = s, turn, len(axles)
         self.lead, self.count, self.spread = _lead(axles, turn)
-        self.seen = logic_and(s["v"] >= -2, s["v"] <= s["fastest"])
+        self.seen = logic_and(s["v"] >= -BACK, s["v"] <= s["fastest"])
         self.given = if_else(self.seen, s["v"], 0)
         share = 1 / (n * s["r"] * s["m"])
         pull = sum(a.torque for a in axles) * share
@@ -159,6 +160,6 @@ class VehicleSpeed:
         learns = all_hold([alike, self.now, s["age"] > 0.3, logic_not(self.apart)])
         self.bias = clip_to_range(s["bias"] + if_else(learns, middle * T / 3, 0), -DRAG, DRAG)
         self.v_ok = if_else(wrong, 0, self.v_ok)
-        self.v = clip_to_range(if_else(wrong, self.lead, v), -2, s["fastest"])
+        self.v = clip_to_range(if_else(wrong, self.lead, v), -BACK, s["fastest"])
         self.now = logic_and(self.now, logic_not(wrong))
         return if_else(self.now, self.given, self.v)
