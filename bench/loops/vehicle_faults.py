@@ -293,11 +293,14 @@ class InC:
 
 
 def _late(command: np.ndarray, demand: np.ndarray) -> int:
-    """Longest time in ticks from a change of the demand until each axle has it, within 5 %."""
+    """Longest time in ticks from a change of the demand until each axle has it, within 5 %.
+
+    More than a demand that has risen, or less than one that has fallen, is no delay.
+    """
     found = 0
     for begin in np.flatnonzero(np.abs(np.diff(demand)) > 0.2 * demand.max(initial=0)) + 1:
         before, now = demand[begin - 1], demand[begin]
-        near = np.abs(command[begin:] - now) <= 0.05 * abs(now - before)
+        near = np.sign(now - before) * (now - command[begin:]) <= 0.05 * abs(now - before)
         found = max(found, *(int(k.argmax()) if k.any() else k.size for k in near.T))
     return found
 

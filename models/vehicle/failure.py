@@ -46,8 +46,9 @@ def _failures(turn: int) -> list[tuple[str, ...]]:
     passes = "passes" if turn > 0 else "stays behind"
     gone = f"the last good sample for {HOLD:g} s, then the axle gets the safe output"
     return [
-        ("wheel speed is no number, off range, backwards, or moves faster than brake and rail can move a"
-         " wheel", "each sample; `trust.ok`", gone, "no slip control of that axle", f"{HOLD:g} s"),
+        ("wheel speed is no number, off range, backwards, or moves faster than brake and rail can"
+         " move a wheel", "each sample; `trust.ok`", gone, "no slip control of that axle",
+         f"{HOLD:g} s"),
         (f"wheel speed {passes} the vehicle's by 3 % (10 % until the ratio is learnt) and 0.6 m/s",
          "each sample; `trust.ok`", gone, "no slip control of that axle", f"{HOLD:g} s"),
         ("wheel speed stands, or is too low", "the axle does not run up when it is let go;"
