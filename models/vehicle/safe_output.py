@@ -19,12 +19,7 @@ from slipctl import Block, Input, Output, Param, State, law, step
 from slipctl.block.block import Exprs
 from slipctl.block.fields import Composition, LawData
 from slipctl.models.common_form import ADDED, T_S
-from slipctl.models.vehicle.axle_samples import (
-    NEVER,
-    all_hold,
-    clip_to_range,
-    time_without_break,
-)
+from slipctl.models.vehicle.axle_samples import all_hold, clip_to_range, time_without_break
 from slipctl.models.vehicle.failure import BEHIND, MEASURED
 
 
@@ -62,7 +57,7 @@ def safe_command(mode: str | float, driven: bool = False) -> Block:
     )  # fmt: skip
     def commanding(
         T_h=State("N m", "T_max", "last command", lo=0, hi="T_max"),
-        let_go=State("s", 0.0, "time of release without a break", lo=0, hi=NEVER),
+        let_go=State("s", 0.0, "time of release without a break", lo=0, hi="limit"),
         back=State("s", 0.0, "time for which the demand is given after it", lo=0, hi=10),
         slow=State("1", 0.0, "1 until the command has reached the demand", lo=0, hi=1),
         T_slip=Input("N m", "torque by slip control, at most the demand", positive="braking"),
@@ -100,7 +95,7 @@ def safe_command(mode: str | float, driven: bool = False) -> Block:
         over = time >= if_else(stands > 0.5, fmin(limit, limit_still), limit)
         rest = if_else(over, again, fmax(back - T, 0))
         return (
-            dict(T_h=T_cmd, let_go=if_else(over, 0, time), back=rest,
+            dict(T_h=T_cmd, let_go=if_else(over, 0, fmin(time, limit)), back=rest,
                  slow=logic_and(ramp, T_cmd < wanted)),
             dict(T_cmd=T_cmd, released=logic_not(held)),
         )  # fmt: skip

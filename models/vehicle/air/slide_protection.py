@@ -131,7 +131,7 @@ def refill(
     released=Output("1", "1 while the limit of a release gives the demand", lo=0, hi=1),
 )
 def watchdog(
-    let_go=State("s", 0.0, "time of release without a break", lo=0, hi=NEVER),
+    let_go=State("s", 0.0, "time of release without a break", lo=0, hi="limit"),
     back=State("s", 0.0, "time for which the demand is given after it", lo=0, hi=10),
     hold_by=Input("1", "bit of the valve that shuts the supply off, by slide protection"),
     vent_by=Input("1", "bit of the valve that vents, by slide protection"),
@@ -159,6 +159,6 @@ def watchdog(
     time = if_else(lets, fmin(let_go + T, NEVER), 0)
     over = time >= if_else(stands > 0.5, fmin(limit, limit_still), limit)
     left = if_else(over, again, fmax(back - T, 0))
-    return dict(let_go=if_else(over, 0, time), back=left), dict(
+    return dict(let_go=if_else(over, 0, fmin(time, limit)), back=left), dict(
         hold=hold, vent=vent, released=given
     )
