@@ -86,6 +86,8 @@ def axle_signals(n: int) -> list[Signal]:
         tau=Param("s", 0.05, "time constant of the actuator", ADDED, lo=1e-3, hi=5),
         T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
         react=Param("s", 0.8, "time to follow a command in", ADDED, lo=0.01, hi=10),
+        other=Param("1", 0.25, "share of the largest torque that it may be off by", ADDED, lo=0.01,
+                    hi=1),
         noise=Param("rad/s", 0.5, "what a wheel's sensor may be off by", ADDED, lo=0, hi=100),
         slow=Param("rad/s", 20.0, "below this speed it may be off by more", ADDED, lo=0, hi=1e3),
         noise_slow=Param("rad/s", 5.0, "that much more", ADDED, lo=0, hi=1e3),
@@ -154,7 +156,7 @@ class AxleSample:
         )
         ranged = logic_and(given >= -1.25 * s["T_max"], given <= 1.25 * s["T_max"])
         given = if_else(ranged, given, s["torque"][k])
-        apart = logic_or(logic_not(ranged), fabs(given - self.modelled) > 0.25 * s["T_max"])
+        apart = logic_or(logic_not(ranged), fabs(given - self.modelled) > s["other"] * s["T_max"])
         self.odd = time_without_break(apart, s["odd"][k], s["T"])
         self.follows = self.odd < s["react"]
         self.torque = if_else(logic_and(ranged, self.odd < 0.3), given, self.modelled)

@@ -314,7 +314,7 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     block = with_control_ranges(connect("ctl", wires, trust=judge, **copies), trip, w)
     own = _numbers(block, w)
     if isinstance(trip.actuator, Air):  # the bits explain the torque, so its model has no lag
-        own["trust.tau"] = TICK
+        own |= {"trust.tau": TICK, "trust.other": 0.15}
     return at_period(block.with_params(**own), trip)
 
 

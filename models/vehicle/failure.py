@@ -68,7 +68,7 @@ def _failures(turn: int) -> list[tuple[str, ...]]:
         ("vehicle speed is wrong and not seen so", "more than half of the wheels are let go, agree"
          " and do not run up; `trust.v_ok`", "the wheels are believed", "slip control goes on",
          "0.25 s after the release"),
-        ("measured torque is no number, off range, or not as commanded by a quarter of the largest"
+        ("measured torque is no number, off range, or not as commanded by {other} of the largest"
          " (valve or pressure sensor stuck)", "the model of the actuator; `trust.follows`",
          "the torque as commanded stands for it", "a brake that is stuck", "{react}"),
         ("demand is no number", "each sample; `trust.demand_ok`", f"the last one for {HOLD:g} s,"
