@@ -4,8 +4,8 @@
 
 ``trust`` judges every input before anything else sees it, and hands on numbers that are finite
 and in their ranges. What it does not believe of one axle stays with that axle
-(:mod:`slipctl.models.vehicle.axle_samples`), and the vehicle's speed has a fall-back of its own
-(:mod:`slipctl.models.vehicle.believed_speed`). ``safe``
+(:mod:`slipctl.models.vehicle.measurement.axle_samples`). The vehicle's speed has a fall-back of
+its own (:mod:`slipctl.models.vehicle.measurement.believed_speed`). ``safe``
 (:mod:`slipctl.models.vehicle.safe_output`) gives an axle its demand where slip control cannot be
 relied on.
 """
@@ -20,7 +20,7 @@ from casadi import fmax, if_else, logic_and, logic_not, logic_or, sum1, vertcat
 from slipctl import Block, Input, Output, Param, Signal, State
 from slipctl.block.block import Exprs, make_block
 from slipctl.models.common_form import ADDED, T_S
-from slipctl.models.vehicle.axle_samples import (
+from slipctl.models.vehicle.measurement.axle_samples import (
     DOUBT,
     HOLD,
     NEVER,
@@ -32,7 +32,7 @@ from slipctl.models.vehicle.axle_samples import (
     named_signals,
     time_without_break,
 )
-from slipctl.models.vehicle.believed_speed import VehicleSpeed, speed_signals
+from slipctl.models.vehicle.measurement.believed_speed import VehicleSpeed, speed_signals
 
 BEHIND = 0.5
 """Slip in m/s of the wrong sign up to which a sample is taken for one of a wheel that rolls."""

@@ -17,9 +17,9 @@ from slipctl import BadInput, Block
 from slipctl.certify.enclosure import enclose
 from slipctl.models.common_form import T_S, Wheel
 from slipctl.models.ranges import FLAG, of_those
-from slipctl.models.vehicle.axle_samples import DOUBT, NEVER, TEST, WORN
-from slipctl.models.vehicle.believed_speed import DRAG
 from slipctl.models.vehicle.failure import BEHIND, MEASURED
+from slipctl.models.vehicle.measurement.axle_samples import DOUBT, NEVER, TEST, WORN
+from slipctl.models.vehicle.measurement.believed_speed import DRAG
 from slipctl.models.vehicle.parts import (
     Air,
     Exact,

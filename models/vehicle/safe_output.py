@@ -19,8 +19,12 @@ from slipctl import Block, Input, Output, Param, State, law, step
 from slipctl.block.block import Exprs
 from slipctl.block.fields import Composition, LawData
 from slipctl.models.common_form import ADDED, T_S
-from slipctl.models.vehicle.axle_samples import all_hold, clip_to_range, time_without_break
 from slipctl.models.vehicle.failure import BEHIND, MEASURED
+from slipctl.models.vehicle.measurement.axle_samples import (
+    all_hold,
+    clip_to_range,
+    time_without_break,
+)
 
 
 def _failures(mode: str | float, driven: bool) -> list[tuple[str, ...]]:

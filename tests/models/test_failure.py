@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slipctl.models import common_form as form
-from slipctl.models.vehicle.axle_samples import DOUBT, HOLD, SETTLED, WORN
 from slipctl.models.vehicle.failure import trust
+from slipctl.models.vehicle.measurement.axle_samples import DOUBT, HOLD, SETTLED, WORN
 from slipctl.models.vehicle.safe_output import begun_at_torque, safe_command
 
 R, J, M, T_MAX, LOAD, H = 0.42, 110.0, 9500.0, 8e3, 9500.0, 1e-3

@@ -26,7 +26,7 @@ from slipctl.models.vehicle.air.pneumatics import (
     T_MAX,
     changes_by_valves,
 )
-from slipctl.models.vehicle.axle_samples import NEVER
+from slipctl.models.vehicle.measurement.axle_samples import NEVER
 
 STATES = ("fill", "hold", "vent")
 """States of the machine; its output is the place of one in this list."""

@@ -20,7 +20,7 @@ from casadi import SX, fabs, fmax, fmin, if_else, logic_and, logic_not, logic_or
 
 from slipctl import Input, Output, Param, Signal, State
 from slipctl.models.common_form import ADDED
-from slipctl.models.vehicle.axle_samples import (
+from slipctl.models.vehicle.measurement.axle_samples import (
     BACK,
     NEVER,
     SETTLED,
