@@ -266,7 +266,7 @@ class Campaign:
         peaks = [trips.best(law, s.condition or "")[1] for s in sections]
         behind = [vehicle.behind[k] for k in vehicle.worked]
         begins = np.array([s.start for s in sections])
-        found = []
+        found: list[Wrong] = []
         for k, b in enumerate(behind):
             under = np.array(peaks)[np.clip(np.searchsorted(begins, x - b, "right") - 1, 0, None)]
             found.append((demand > 0) & (demand < 0.97 * under * load * vehicle.radii[k]))
@@ -371,7 +371,7 @@ def random_faults(trip: Trip, count: int, seed: int) -> Iterator[tuple[Wrong, ..
     for _ in range(count):
         many = 2 if rng.random() < 0.25 and axles > 1 else 1
         where = rng.choice(axles, many, replace=False)
-        found = []
+        found: list[Wrong] = []
         for k in where:
             signal = rng.choice(["v", f"omega[{k}]", f"T[{k}]"], p=[0.3, 0.5, 0.2])
             if found and signal == found[0].signal:
