@@ -1,7 +1,8 @@
 """Wrong samples on each input of every controller in C, in closed loop: what they lead to.
 
-``python -m bench.faults metro.toml[:CONTROLLER] [--c] [--out FILE]`` runs those of a vehicle's file
-(:mod:`bench.loops.vehicle_faults`), on the C as on the model with ``--c``.
+``python -m bench.faults metro.toml[:CONTROLLER] [--c] [--drawn N] [--out FILE]`` runs those of a
+vehicle's file (:mod:`bench.loops.vehicle_faults`), on the C as on the model with ``--c``, and
+faults that are drawn in the place of the table with ``--drawn``.
 ``python -m bench.faults [STUDY[:LOOP[@SCENARIO]] ...] [--out FILE]`` runs every
 fault of :mod:`bench.loops.wrong_samples` at two instants of a run of each, and prints a line for
 each that does harm. Exit code 1 where one does; with ``--told FILE`` only one that the file does
@@ -24,7 +25,7 @@ from bench.loops import vehicle_faults
 from bench.loops.wrong_samples import NEAR, SETTLED, Fault, faults
 from slipctl.block.block import Block
 from slipctl.errors import BadInput
-from slipctl.models.vehicle.parts import DemandAlone
+from slipctl.models.vehicle.parts import DemandAlone, Predictive, Trip
 from slipctl.models.zhang_2021 import hst_braking
 from slipctl.run import store
 from slipctl.run.rail import Scenario
@@ -216,13 +217,30 @@ def said(f: Fault) -> str:
     return f"{f.signal} {f.kind}, {f.ticks} ticks at {f.at:g} s: {back}{missed}{locks}"
 
 
-def vehicle_table(path: str, wanted: Sequence[str], in_c: bool) -> list[dict[str, Any]]:
+def _faults_of(trip: Trip, name: str, drawn: int) -> Iterator[tuple[vehicle_faults.Wrong, ...]]:
+    """Faults for a controller: the table, or as many as are drawn.
+
+    One that plans takes those that last for ever alone: its runs are slow.
+    """
+    plans = isinstance(trip.controllers[name], Predictive)
+    if drawn:
+        yield from vehicle_faults.random_faults(trip, drawn, seed=1)
+        return
+    for found in vehicle_faults.table_of_faults(trip):
+        if not plans or all(math.isinf(f.lasts) for f in found):
+            yield found
+
+
+def vehicle_table(
+    path: str, wanted: Sequence[str], in_c: bool, drawn: int = 0
+) -> list[dict[str, Any]]:
     """Rows of the campaign of a vehicle's file: controller, situation, fault, what came of it.
 
     Args:
         path: the file.
         wanted: names of controllers; none takes all that slip control has.
         in_c: compare each run with the C, to the last bit.
+        drawn: faults that are drawn, in the place of the table; 0 takes the table.
     """
     trip = load_trip(path)
     rows: list[dict[str, Any]] = []
@@ -232,7 +250,7 @@ def vehicle_table(path: str, wanted: Sequence[str], in_c: bool) -> list[dict[str
             campaign = vehicle_faults.Campaign(trip, name, situation)
             with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
                 c = vehicle_faults.InC(campaign, Path(scratch)) if in_c else None
-                for faults_ in [(), *vehicle_faults.table_of_faults(trip)]:
+                for faults_ in [(), *_faults_of(trip, name, drawn)]:
                     log = campaign.log(*faults_)
                     row = {"controller": name, "situation": situation,
                            "fault": "; ".join(map(str, faults_)) or "none",
@@ -254,12 +272,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--told", help="evidence, docs/evidence/wrong_samples.json: harm in it is known"
     )
     parser.add_argument("--c", action="store_true", help="a vehicle's file: its C, too")
+    parser.add_argument("--drawn", type=int, default=0, help="of a vehicle's file: draw so many")
     options = parser.parse_args(arguments)
     if any(name.partition(":")[0].endswith(".toml") for name in options.loops):
         (path, _, name), *more = (n.partition(":") for n in options.loops)
         if more:
             raise BadInput("one vehicle's file at a time: metro.toml, or metro.toml:pid")
-        rows = vehicle_table(path, [name] if name else [], options.c)
+        rows = vehicle_table(path, [name] if name else [], options.c, options.drawn)
         if options.out:
             kept = vehicle_faults.worst_rows(rows)
             store.write_json(Path(options.out), {"file": Path(path).name, "rows": kept})

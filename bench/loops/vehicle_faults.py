@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from casadi import SX, fabs, if_else, logic_and, sqrt, vertcat
+from casadi import fabs, floor, fmod, if_else, logic_and, sqrt, vertcat
 
 from slipctl.block.block import Block
 from slipctl.block.connection import connect
@@ -27,8 +27,14 @@ from slipctl.models.vehicle import trip as trips
 from slipctl.models.vehicle.parts import Profile, Stretch, Trip
 from slipctl.run.preparation import prepare
 
-KINDS = ("none", "nan", "freeze", "set", "scale", "add", "drift")
-"""What a sensor does: its reading is no number, stays, is another, is off by a share, is off."""
+KINDS = ("none", "nan", "freeze", "set", "scale", "add", "drift", "noise", "spike", "drop", "late",
+         "swap")  # fmt: skip
+"""What a sensor does: its reading is no number, stays, is another, is off by a share, is off,
+drifts, has noise, is off in one of 50 ticks, is no number in half of them, is late, is that of
+another sensor."""
+
+DELAY = 100
+"""Ticks by which a reading may be late."""
 
 SLOTS = 2
 """Faults at once."""
@@ -58,7 +64,10 @@ class Wrong:
         """The fault in words."""
         how = {"nan": "no number", "freeze": "frozen", "set": f"reads {self.value:g}",
                "scale": f"times {self.value:g}", "add": f"off by {self.value:g}",
-               "drift": f"drifts by {self.value:g}/s"}[self.kind]  # fmt: skip
+               "drift": f"drifts by {self.value:g}/s", "noise": f"with noise of {self.value:g}",
+               "spike": f"with spikes of {self.value:g}", "drop": "no number in half of the ticks",
+               "late": f"{self.value:g} ms late", "swap": f"that of reading {self.value:g}",
+               }[self.kind]  # fmt: skip
         long = "for ever" if math.isinf(self.lasts) else f"for {self.lasts:g} s"
         return f"{self.signal} {how} from {self.begin:g} s {long}"
 
@@ -101,6 +110,8 @@ def spoiled(axles: int) -> Block:
     def wrong(  # type: ignore[no-untyped-def]
         held=State("1", 0.0, "last good readings", shape=(size,)),
         t=State("1", 0.0, "time"),
+        seed=State("1", 0.37, "of the noise"),
+        line=State("1", 0.0, "readings of the last ticks of each slot", shape=(SLOTS, DELAY)),
         u=Input("1", "true readings", shape=(size,)),
         kind=Param("1", 0.0, slot["kind"], shape=(SLOTS,)),
         at=Param("1", 0.0, slot["at"], shape=(SLOTS,)),
@@ -109,21 +120,34 @@ def spoiled(axles: int) -> Block:
         value=Param("1", 0.0, slot["value"], shape=(SLOTS,)),
     ):  # fmt: skip
         """Readings of which up to two are wrong."""
-        out, good = [], []
-        for k in range(size):
-            y, fine = u[k], SX(1)
-            for j in range(SLOTS):
-                here = logic_and(logic_and(t >= begin[j] - 5e-4, t < end[j] - 5e-4),
-                                 fabs(at[j] - k) < 0.5)  # fmt: skip
-                none = sqrt(-1 - fabs(u[k]))
-                made = (none, held[k], value[j], value[j] * u[k], u[k] + value[j],
-                        u[k] + value[j] * (t - begin[j]))  # fmt: skip
-                for number, x in enumerate(made, 1):
-                    y = if_else(logic_and(here, fabs(kind[j] - number) < 0.5), x, y)
-                fine = if_else(logic_and(here, fabs(kind[j] - 2) < 0.5), 0, fine)
-            out.append(y)
-            good.append(if_else(fine > 0.5, u[k], held[k]))
-        return dict(held=vertcat(*good), t=t + 1e-3), dict(y=vertcat(*out))
+        ticks = floor(t * 1e3 + 0.5)
+        drawn = fmod(seed * 997.0 + 0.123, 1.0)  # even, from 0 to 1
+        even = sum(fmod((drawn + 0.01) * k * 37.7, 1.0) for k in range(1, 13)) - 6  # deviation 1
+        out, lines = [u[k] for k in range(size)], []
+        good = [u[k] for k in range(size)]
+        for j in range(SLOTS):
+            during = logic_and(t >= begin[j] - 5e-4, t < end[j] - 5e-4)
+            mine = [if_else(fabs(at[j] - k) < 0.5, 1, 0) for k in range(size)]
+            true = sum(m * u[k] for k, m in enumerate(mine))
+            was = sum(m * held[k] for k, m in enumerate(mine))
+            kept = vertcat(true, *[line[j, k] for k in range(DELAY - 1)])
+            back = sum(if_else(fabs(value[j] - k) < 0.5, kept[k], 0) for k in range(DELAY))
+            other = sum(if_else(fabs(value[j] - k) < 0.5, u[k], 0) for k in range(size))
+            none = sqrt(-1 - fabs(true))
+            made = (none, was, value[j], value[j] * true, true + value[j],
+                    true + value[j] * (t - begin[j]), true + value[j] * even,
+                    true + if_else(fmod(ticks, 50) < 0.5, value[j], 0),
+                    if_else(drawn < 0.5, none, true), back, other)  # fmt: skip
+            wrong_one = true
+            for number, x in enumerate(made, 1):
+                wrong_one = if_else(fabs(kind[j] - number) < 0.5, x, wrong_one)
+            for k, m in enumerate(mine):
+                out[k] = if_else(logic_and(during, m > 0.5), wrong_one, out[k])
+                frozen = logic_and(logic_and(during, m > 0.5), fabs(kind[j] - 2) < 0.5)
+                good[k] = if_else(frozen, held[k], good[k])
+            lines.append(kept.T)
+        nxt = dict(held=vertcat(*good), t=t + 1e-3, seed=drawn, line=vertcat(*lines))
+        return nxt, dict(y=vertcat(*out))
 
     return wrong
 
@@ -242,7 +266,7 @@ class Campaign:
         peaks = [trips.best(law, s.condition or "")[1] for s in sections]
         behind = [vehicle.behind[k] for k in vehicle.worked]
         begins = np.array([s.start for s in sections])
-        found = []
+        found: list[Wrong] = []
         for k, b in enumerate(behind):
             under = np.array(peaks)[np.clip(np.searchsorted(begins, x - b, "right") - 1, 0, None)]
             found.append((demand > 0) & (demand < 0.97 * under * load * vehicle.radii[k]))
@@ -269,11 +293,14 @@ class InC:
 
 
 def _late(command: np.ndarray, demand: np.ndarray) -> int:
-    """Longest time in ticks from a change of the demand until each axle has it, within 5 %."""
+    """Longest time in ticks from a change of the demand until each axle has it, within 5 %.
+
+    More than a demand that has risen, or less than one that has fallen, is no delay.
+    """
     found = 0
     for begin in np.flatnonzero(np.abs(np.diff(demand)) > 0.2 * demand.max(initial=0)) + 1:
         before, now = demand[begin - 1], demand[begin]
-        near = np.abs(command[begin:] - now) <= 0.05 * abs(now - before)
+        near = np.sign(now - before) * (now - command[begin:]) <= 0.05 * abs(now - before)
         found = max(found, *(int(k.argmax()) if k.any() else k.size for k in near.T))
     return found
 
@@ -323,5 +350,48 @@ def table_of_faults(trip: Trip, begin: float = 3.0) -> Iterator[tuple[Wrong, ...
     last = len(trip.vehicle.worked) - 1
     for one, other in (("nan", "nan"), ("nan", "set"), ("set", "freeze"), ("set", "set")):
         yield Wrong("omega[0]", one, begin), Wrong(f"omega[{last}]", other, begin + 1.5)
+    yield Wrong("omega[0]", "drop", begin), Wrong("omega[1]", "late", begin, value=50.0)
+    yield Wrong("omega[0]", "swap", begin, value=3.0), Wrong("omega[2]", "swap", begin, value=1.0)
+    for kind, value in (("noise", 0.05 * turn), ("spike", 0.2 * turn), ("scale", -1.0)):
+        yield (Wrong("omega[0]", kind, begin, value=value),)
     yield Wrong("v", "nan", begin), Wrong("omega[0]", "set", begin + 1)
     yield Wrong("v", "freeze", begin), Wrong("omega[0]", "nan", begin)
+
+
+def random_faults(trip: Trip, count: int, seed: int) -> Iterator[tuple[Wrong, ...]]:
+    """Faults that are drawn: kind, signal, size, begin, length; two, on different axles, in four.
+
+    Args:
+        trip: the trip; sizes are shares of its speed and torque, from small to impossible.
+        count: how many.
+        seed: of the draw.
+    """
+    rng = np.random.default_rng(seed)
+    axles = len(trip.vehicle.worked)
+    for _ in range(count):
+        many = 2 if rng.random() < 0.25 and axles > 1 else 1
+        where = rng.choice(axles, many, replace=False)
+        found: list[Wrong] = []
+        for k in where:
+            signal = rng.choice(["v", f"omega[{k}]", f"T[{k}]"], p=[0.3, 0.5, 0.2])
+            if found and signal == found[0].signal:
+                signal = f"omega[{k}]"
+            found.append(_drawn(rng, str(signal), trip, axles))
+        yield tuple(found)
+
+
+def _drawn(rng: np.random.Generator, signal: str, trip: Trip, axles: int) -> Wrong:
+    """One fault of a signal."""
+    kind = str(rng.choice(KINDS[1:]))
+    typical = {"v": trip.vehicle.speed, "o": trip.vehicle.speed / trip.vehicle.wheel_radius,
+               "T": trip.actuator.torque}[signal[0]]  # fmt: skip
+    size = float(10 ** rng.uniform(-2, 0.5) * rng.choice([-1, 1]))
+    first = _place(signal, axles)
+    near = first if signal == "v" else first + (1 if first % axles else 1 - axles)
+    value = {"nan": 0.0, "freeze": 0.0, "drop": 0.0, "set": abs(size) * typical,
+             "scale": 1 + size if abs(size) < 2 else -1.0, "add": size * typical,
+             "drift": 0.1 * size * typical, "noise": abs(size) * typical,
+             "spike": size * typical, "late": float(rng.integers(2, DELAY)),
+             "swap": float(near)}[kind]  # fmt: skip
+    lasts = float(rng.choice([1e-3, 0.02, 0.2, 1.0, 3.0, math.inf]))
+    return Wrong(signal, kind, round(float(rng.uniform(0, 8)), 3), lasts, value)

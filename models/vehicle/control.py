@@ -62,6 +62,8 @@ from slipctl.models.vehicle.parts import (
 )
 from slipctl.models.vehicle.ranges import of_inputs, searched_ranges, with_control_ranges
 from slipctl.models.vehicle.safe_output import (
+    begun_at_torque,
+    carried,
     contained_block,
     reference_with_floor,
     safe_command,
@@ -217,6 +219,10 @@ UNITS = {"J": "kg m^2", "r": "m", "m": "kg", "g": "m/s^2", "tau": "s", "T_max": 
 """Units of a wheel's numbers: one of that name in another unit is a law's own."""
 
 
+INTEGRALS = {"pid": ("law.integral", -1.0)}
+"""Laws that are not told the adhesion force: their integral, and its sign where braking is +."""
+
+
 def _of_the_wheel(s: Signal, name: str) -> bool:
     return name not in UNITS or unit(s.unit).same(unit(UNITS[name]))
 
@@ -261,7 +267,10 @@ def slip_law(trip: Trip, part: Controller, w: Wheel) -> tuple[Block, bool]:
         fits = {n: v for n, v in own.items() if n in block.params and not block.params[n].derived
                 and _of_the_wheel(block.params[n], n)}  # fmt: skip
         block = block.with_params(**fits)
-    return block.with_params(**numbers_of(block, part.gains, "gains")), False
+    block = block.with_params(**numbers_of(block, part.gains, "gains"))
+    if isinstance(part, SlipLaw) and part.kind in INTEGRALS:
+        block = begun_at_torque(block, *INTEGRALS[part.kind])
+    return block, False
 
 
 def vehicle_control(trip: Trip, part: Controller) -> Block:
@@ -305,7 +314,7 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     block = with_control_ranges(connect("ctl", wires, trust=judge, **copies), trip, w)
     own = _numbers(block, w)
     if isinstance(trip.actuator, Air):  # the bits explain the torque, so its model has no lag
-        own["trust.tau"] = TICK
+        own |= {"trust.tau": TICK, "trust.other": 0.15}
     return at_period(block.with_params(**own), trip)
 
 
@@ -334,8 +343,8 @@ def _controlled_axle(
         "sample.mu_m": "meter.mu_m", "sample.v_s_m": "meter.v_s_m", "sample.ready": "trust.ready",
         "safe.T_slip": "apply.T_cmd", "safe.T_demand": "trust.demand", "safe.on": "wake.on",
         "safe.ready": "trust.ready", "safe.sound": "law.sound", "safe.stands": "trust.stands",
-        "safe.v": "trust.v", "safe.retry": "trust.retry", "T_cmd": "safe.T_cmd",
-        "trust.T_cmd": "safe.T_h",
+        "safe.v": "trust.v", "safe.retry": "trust.retry", "safe.test": "trust.test",
+        "T_cmd": "safe.T_cmd", "trust.T_cmd": "safe.T_h",
     }  # fmt: skip
     if isinstance(trip.actuator, Air):
         more, others = torque_to_bits(trip)
@@ -379,7 +388,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
     }
     wires = {
         "slip.v": "trust.v",
-        "slip.omega": "trust.omega",
+        "slip.rim": "trust.rim",
         "meter.omega": "slip.omega_s",
         "meter.v_s": "slip.v_s",
         "meter.T_b": "trust.T_b",
@@ -400,6 +409,10 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
     }
     ports = {"v": "trust.v", "v_s": "slip.v_s", "F": "force.F", "D": "fall.D", "T": "trust.T_b",
              "T_top": "trust.demand"}  # fmt: skip
+    if "T_begin" in law_block.inputs:
+        parts["carried"] = carried
+        wires |= {"carried.mu": "sample.mu", "carried.T_demand": "trust.demand"}
+        ports["T_begin"] = "carried.T"
     if isinstance(reference, Searched):
         curve, begin = law_and_guess(reference)
         found, given = _searched(

@@ -17,7 +17,9 @@ from slipctl import BadInput, Block
 from slipctl.certify.enclosure import enclose
 from slipctl.models.common_form import T_S, Wheel
 from slipctl.models.ranges import FLAG, of_those
-from slipctl.models.vehicle.failure import BEHIND, DRAG, MEASURED, NEVER, WORN
+from slipctl.models.vehicle.failure import BEHIND, MEASURED
+from slipctl.models.vehicle.measurement.axle_samples import DOUBT, NEVER, TEST, WORN
+from slipctl.models.vehicle.measurement.believed_speed import DRAG
 from slipctl.models.vehicle.parts import (
     Air,
     Exact,
@@ -43,7 +45,6 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
     """Declare the ranges of what the control of a vehicle holds. It judges its inputs itself."""
     numbers = of_inputs(trip, w)
     fastest, spin = numbers["fastest"], numbers["most"]
-    turning = (-1.1 * spin, 1.1 * spin, "as that which is believed")
     slip = fastest + 1.2 * w.r * spin  # a ratio of wheels is within a tenth of 1
     slipping = (-slip, slip, "a wheel that spins, either way, and the vehicle's speed")
     top = 1.25 * w.T_max
@@ -54,8 +55,8 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
     speed = (-2, fastest, "430 km/h, or half as much again as at the start")
     rows: dict[str, tuple] = {
         "slip.v_s": slipping,
-        "slip.omega_s": turning,
-        "meter.omegas": turning,
+        "slip.omega_s": (-5 * slip, 5 * slip, "that rim at the least radius"),
+        "meter.omegas": (-5 * slip, 5 * slip, "that rim at the least radius"),
         "meter.torques": most,
         "meter.slips": slipping,
         "meter.n": (-40, 40, "unit normal noise, none of which a controller has"),
@@ -70,10 +71,11 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
         "reference.v_best": (0, max(20.0, fastest), "no more than the speed"),
         "trust.omega_h": (-spin, spin, "a wheel that spins free"),
         "trust.mean": (-spin, spin, "a wheel that spins free"),
-        "trust.omega": turning,
+        "trust.rim": (-slip, slip, "a wheel that spins free, and the vehicle's speed"),
         "trust.torque": (0, w.T_max, "as commanded"),
         "trust.T_b": most,
-        "trust.ratio_h": (1 - 2 * WORN, 1 + 2 * WORN, "no wheel is worn by more"),
+        "trust.radius": (0.2 * (1 - WORN), 1 + WORN, "no wheel is worn by more"),
+        "trust.doubt": (0, DOUBT + TEST + 0.1, "the test ends then"),
         "trust.ratio": (1 - 2 * WORN, 1 + 2 * WORN, "no wheel is worn by more"),
         "trust.bias": (-DRAG, DRAG, "it is limited"),
         "trust.v_h": speed,

@@ -19,10 +19,8 @@ from slipctl import Block, Input, Output, Param, State, law, step
 from slipctl.block.block import Exprs
 from slipctl.block.fields import Composition, LawData
 from slipctl.models.common_form import ADDED, T_S
-from slipctl.models.vehicle.failure import (
-    BEHIND,
-    MEASURED,
-    NEVER,
+from slipctl.models.vehicle.failure import BEHIND, MEASURED
+from slipctl.models.vehicle.measurement.axle_samples import (
     all_hold,
     clip_to_range,
     time_without_break,
@@ -63,7 +61,7 @@ def safe_command(mode: str | float, driven: bool = False) -> Block:
     )  # fmt: skip
     def commanding(
         T_h=State("N m", "T_max", "last command", lo=0, hi="T_max"),
-        let_go=State("s", 0.0, "time of release without a break", lo=0, hi=NEVER),
+        let_go=State("s", 0.0, "time of release without a break", lo=0, hi="limit"),
         back=State("s", 0.0, "time for which the demand is given after it", lo=0, hi=10),
         slow=State("1", 0.0, "1 until the command has reached the demand", lo=0, hi=1),
         T_slip=Input("N m", "torque by slip control, at most the demand", positive="braking"),
@@ -74,6 +72,7 @@ def safe_command(mode: str | float, driven: bool = False) -> Block:
         stands=Input("1", "1 where a wheel that is let go does not run up"),
         v=Input("m/s", "vehicle speed that is believed"),
         retry=Input("1", "1 while the train gets the demand after a long release"),
+        test=Input("1", "1 where the axle is let go to see whether its wheel runs up"),
         T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
         v_off=Param("m/s", 1.0, "speed below which slip control is off", ADDED, lo=0, hi=200),
         rate=Param("1/s", 12.0, "largest torques by which a command without slip control rises",
@@ -90,7 +89,7 @@ def safe_command(mode: str | float, driven: bool = False) -> Block:
         relied = all_hold([ready > 0.5, sound > 0.5, held, v >= v_off])
         rests = top if mode == "demand" else fmin(T_h if mode == "hold" else float(mode), top)
         gives = if_else(logic_and(ready > 0.5, held) if driven else ready > 0.5, top, rests)
-        wanted = if_else(relied, fmin(T_slip, top), gives)
+        wanted = if_else(relied, if_else(test > 0.5, 0, fmin(T_slip, top)), gives)
         # what is not slip control's own rises slowly, and so does its way back to the demand
         ramp = logic_and(logic_or(logic_not(relied), slow > 0.5), on < 0.5)
         T_cmd = if_else(ramp, fmin(wanted, T_h + rate * T_max * T), wanted)
@@ -100,7 +99,7 @@ def safe_command(mode: str | float, driven: bool = False) -> Block:
         over = time >= if_else(stands > 0.5, fmin(limit, limit_still), limit)
         rest = if_else(over, again, fmax(back - T, 0))
         return (
-            dict(T_h=T_cmd, let_go=if_else(over, 0, time), back=rest,
+            dict(T_h=T_cmd, let_go=if_else(over, 0, fmin(time, limit)), back=rest,
                  slow=logic_and(ramp, T_cmd < wanted)),
             dict(T_cmd=T_cmd, released=logic_not(held)),
         )  # fmt: skip
@@ -155,6 +154,55 @@ def reference_with_floor(peak: float, noise: float) -> Block:
         return fmax(searched, fmin(least + share * fabs(v), most))
 
     return reference
+
+
+@law(
+    T=Output("N m", "torque that the rail carries", positive="braking", lo=0, hi="T_max"),
+    name="carried",
+)
+def carried(
+    mu=Input("1", "adhesion, as measured", positive="braking"),
+    T_demand=Input("N m", "torque that is demanded", positive="braking"),
+    m_axle=Param("kg", 8000.0, "load on the rail", ADDED, lo=100, hi=1e8),
+    r=Param("m", 0.42, "wheel radius", ADDED, lo=0.2, hi=1),
+    g=Param("m/s^2", 9.81, "gravity", ADDED, lo=1, hi=30),
+    T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
+):
+    """T = mu W g r, not above the demand: with it the wheel keeps its speed."""
+    return clip_to_range(mu * m_axle * g * r, 0, clip_to_range(T_demand, 0, T_max))
+
+
+def begun_at_torque(block: Block, state: str, sign: float) -> Block:
+    """Run a law whose integral begins at the torque that the rail carries, not at zero.
+
+    An integral that begins at zero takes the brake off for as long as it needs to come back.
+    It does so whenever slip control takes over, be it for a wrong sample.
+
+    Args:
+        block: a step.
+        state: its integral, in N m. sign: of the torque in it where braking is positive.
+    """
+
+    def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
+        held = {n: x[n] for n in block.states}
+        held[state] = if_else(x["begun"] > 0.5, x[state], sign * u["T_begin"])
+        nxt, y = block.f(block.pack("state", held), block.pack("input", u), block.pack("param", p))
+        return block.unpack("state", nxt) | {"begun": 1}, block.unpack("output", y)
+
+    def rebuild(parts: dict[str, Block]) -> Block:
+        return begun_at_torque(parts[block.name], state, sign)
+
+    begun = State("1", 0.0, "1 from the second tick on", lo=0, hi=1).named("begun")
+    first = Input("N m", "torque that the rail carries", positive="braking").named("T_begin")
+    return Block(
+        block.name, "step", body,
+        [*block.states.values(), begun, *block.inputs.values(), first, *block.params.values(),
+         *block.outputs.values()],
+        period=block.period, sx=False,
+        doc=f"{block.doc}\n\nIts integral begins at the torque that the rail carries.",
+        choices=block.choices | {"begins": state}, conditions=block.conditions,
+        composition=Composition.around(block, rebuild),
+    )  # fmt: skip
 
 
 NO_END = 1e300

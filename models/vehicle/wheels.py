@@ -22,14 +22,32 @@ slip, and ``error`` counts by how much. In driving all is seen in the mirror.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from casadi import fabs, fmax, fmin, if_else, logic_and, mmax, mmin, sum1
 
 from slipctl import Block, Input, Output, Param, State, law, step
 from slipctl.models.common_form import ADDED, T_S
 
-TAUGHT = 20.0
-"""Ticks after which the ratios are known: noise of a tooth wheel, 0.3 %, is below 0.1 % then."""
+TAUGHT = 0.0195
+"""Seconds after which a ratio is known: noise of a tooth wheel, 0.3 %, is below 0.1 % then."""
+
+
+def taught_mean(
+    mean: Any, now: Any, taught: Any, learns: Any, T: Any, fade: Any
+) -> tuple[Any, Any]:
+    """Mean of what a wheel tells while it rolls, and the time in s for which it has been taught.
+
+    A tick weighs 1/n of all n that taught, and T/fade at least.
+
+    Args:
+        mean: mean so far. now: what this tick tells.
+        taught: time in s so far, at most ``fade``.
+        learns: whether this tick teaches.
+        T: period in s. fade: time in s over which what was learnt long ago fades.
+    """
+    longer = if_else(learns, fmin(taught + T, fade), taught)
+    return mean + if_else(learns, T / fmax(longer, T), 0) * (now - mean), longer
 
 
 def _by_axle(block: Block) -> Block:
@@ -79,7 +97,7 @@ def learnt_radii(axles: int) -> Block:
         ratio=State("1", 1.0, "radius over the believed one", shape=(axles,), lo=0.5, hi=2),
         quick=State("1", 1.0, "the same of the last moment", shape=(axles,), lo=0.1, hi=10),
         slow=State("1", 1.0, "the same, slower", shape=(axles,), lo=0.1, hi=10),
-        taught=State("1", 0.0, "ticks that taught", lo=0, hi=1e9),
+        taught=State("s", 0.0, "time that taught", lo=0, hi=1e4),
         calm=State("1", 0.0, "ticks since all is calm", lo=-1e9, hi=1e9),
         omega=Input("rad/s", "measured wheel speeds", shape=(axles,)),
         torque=Input("N m", "torque at each wheel", shape=(axles,), positive="braking"),
@@ -103,8 +121,7 @@ def learnt_radii(axles: int) -> Block:
     ):  # fmt: skip
         """Mean of all rims over that of each axle, while all torques are light and no ratio moves.
 
-        A tick weighs 1/n of all n that taught, and T/fade at least. Two quicker means, which begin
-        anew when all is calm again, tell whether a ratio moves.
+        Two quicker means, which begin anew when all is calm again, tell whether a ratio moves.
         """
         rims = r * worn * omega
         mean = sum1(rims) / axles
@@ -117,11 +134,10 @@ def learnt_radii(axles: int) -> Block:
         easy = logic_and(fast, logic_and(mmax(fabs(torque)) <= light * r * m_axle * g, still))
         calm_n = if_else(easy, calm + 1, -wait / T)
         learns = if_else(logic_and(easy, calm >= 0), 1, 0)
-        share = learns * fmax(1 / (taught + 1), fmin(1, T / fade))
-        bounded = fmin(1 + spread, fmax(1 - spread, ratio + share * (now - ratio)))
+        mean_n, longer = taught_mean(ratio, now, taught, learns > 0.5, T, fade)
         anew = reset > 0.5
-        ratio_n = if_else(anew, 1, bounded)
-        taught_n = if_else(anew, 0, fmin(taught + learns, 1e6))
+        ratio_n = if_else(anew, 1, fmin(1 + spread, fmax(1 - spread, mean_n)))
+        taught_n = if_else(anew, 0, longer)
         nxt = dict(ratio=ratio_n, quick=quick_n, slow=slow_n, taught=taught_n,
                    calm=if_else(anew, 0, fmin(calm_n, 1e6)))  # fmt: skip
         return nxt, dict(omega_n=omega * worn * ratio_n, r_i=r * worn * ratio_n, learns=learns,

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from casadi import if_else, vertcat
 
-from slipctl import BadInput, simulate
+from slipctl import BadInput, Input, Output, Param, State, connect, simulate, step
 from slipctl.models.vehicle import (
     Air,
     Constant,
@@ -11,17 +12,20 @@ from slipctl.models.vehicle import (
     DemandAlone,
     Exact,
     Lag,
+    Profile,
     Sensors,
     SlideProtection,
+    SlipSpeed,
     Stretch,
     Track,
     Trip,
     Vehicle,
     case,
 )
+from slipctl.models.vehicle import trip as trips
 from slipctl.models.vehicle.air.pneumatics import ATMOSPHERE
 from slipctl.models.vehicle.air.slide_protection import STATES, slide_machine, watchdog
-from slipctl.models.vehicle.parts import Contamination, SlipControl
+from slipctl.models.vehicle.parts import Contamination, ScheduledPI, SlipControl
 
 LOG = ("plant.train.x", "plant.train.v", "plant.train.omega", "plant.T", "plant.pressure",
        "plant.air.used", "ctl.hold", "ctl.vent", "ctl.machine.state", "demand.T_demand",
@@ -175,6 +179,64 @@ def test_a_wheel_that_reads_too_fast_costs_no_distance_on_dry_rail():
     whole = float(run(dry())["plant.train.x"].values[-1])
     high = run(dry(control=SlipControl(period=0.01, radius=(1.09 * R, R, R, R))))
     assert float(high["plant.train.x"].values[-1]) < 1.02 * whole
+
+
+@step(
+    hold=Output("1", "of each axle", shape=(4,)), vent=Output("1", "of each axle", shape=(4,)),
+    name="stuck",
+)  # fmt: skip
+def stuck_valves(
+    t=State("s", 0.0, "time"),
+    hold_by=Input("1", "of each axle", shape=(4,)),
+    vent_by=Input("1", "of each axle", shape=(4,)),
+    begin=Param("s", 1.0, "from when on those of the first axle are stuck"),
+    hold_at=Param("1", 1.0, "at which bit"),
+    vent_at=Param("1", 0.0, "at which bit"),
+):
+    """Bits as the valves of the axles have them: those of the first stay where they are."""
+    stuck = t >= begin
+    return dict(t=t + 1e-3), dict(
+        hold=vertcat(if_else(stuck, hold_at, hold_by[0]), hold_by[1:]),
+        vent=vertcat(if_else(stuck, vent_at, vent_by[0]), vent_by[1:]),
+    )
+
+
+@pytest.mark.second
+@pytest.mark.parametrize(
+    ("law", "begin", "bits", "demand", "due"),
+    [("wsp", 0.0, (1, 0), (1.0, 1.0), 0.0), ("pi", 0.0, (1, 0), (1.0, 1.0), 0.0),
+     ("wsp", 2.0, (1, 1), (1.0, 1.0), 2.0), ("wsp", 2.0, (1, 0), (1.0, 0.0), 3.0),
+     ("wsp", 0.0, (0, 0), (1.0, 0.0), None)],
+    ids=["supply shut", "supply shut, pi", "vent open", "keeps its pressure",
+         "as without current"],
+)  # fmt: skip
+def test_a_stuck_valve_is_told_within_a_second_and_no_other_axle_feels_it(
+    law, begin, bits, demand, due
+):
+    """The demand comes at 0, and falls at 3 s in two cases; on a rail that carries it."""
+    made = dry(
+        demand=Profile(deceleration=demand, at=(0.0, 3.0)), duration=4.5, end="",
+        controllers={"wsp": SlideProtection(), "pi": ScheduledPI()}, reference=SlipSpeed(slip=1.0),
+    )  # fmt: skip
+    found = case(made)
+    loop = found.loops[law]
+    wires = dict(loop.wires)
+    for bit in ("hold", "vent"):
+        wires[f"stuck.{bit}_by"], wires[f"plant.{bit}"] = f"ctl.{bit}", f"stuck.{bit}"
+    valves = stuck_valves.with_params(begin=begin, hold_at=bits[0], vent_at=bits[1])
+    broken = connect("loop", wires, share=trips._shares(made, loop.parts),
+                     **{**loop.parts, "stuck": valves})  # fmt: skip
+    log = simulate(broken, found.scenario, log=["ctl.trust.follows", "plant.T", "ctl.trust.ok"])
+    follows, torque = log["ctl.trust.follows"].values, log["plant.T"].values
+    if due is None:  # a brake whose valves stay without current follows the demand
+        assert follows.all()
+    else:
+        told = np.flatnonzero(follows[:, 0] == 0)[0] * 1e-3
+        assert due < told <= due + 1.0
+    assert follows[:, 1:].all()
+    assert log["ctl.trust.ok"].values.all()
+    one = simulate(loop, found.scenario, log=["plant.T"])["plant.T"].values
+    np.testing.assert_allclose(torque[:, 1:], one[:, 1:], atol=0.02 * made.actuator.torque)
 
 
 def test_bits_need_valves():

@@ -26,7 +26,7 @@ from slipctl.models.vehicle.air.pneumatics import (
     T_MAX,
     changes_by_valves,
 )
-from slipctl.models.vehicle.failure import NEVER
+from slipctl.models.vehicle.measurement.axle_samples import NEVER
 
 STATES = ("fill", "hold", "vent")
 """States of the machine; its output is the place of one in this list."""
@@ -38,14 +38,12 @@ PROPOSED = "a proposal; slipctl tune finds better ones"
 @step(a_w=Output("m/s^2", "acceleration of the rim, filtered", lo=-1e5, hi=1e5))
 def rim_acceleration(
     w_f=State("m/s", "v_start", "rim speed, filtered", lo=-1e3, hi=1e3),
-    omega=Input("rad/s", "believed wheel speed"),
-    r=Param("m", 0.42, "wheel radius", ADDED, lo=0.2, hi=1),
+    rim=Input("m/s", "believed speed of the rim"),
     T_f=Param("s", 0.04, "time constant of the filter", PROPOSED, lo=1e-3, hi=1),
     T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
     v_start=Param("m/s", 20.0, "vehicle speed at the start", ADDED, lo=0, hi=200),
 ):
     """Derivative of the rim speed behind a filter of first order."""
-    rim = r * omega
     moved = (rim - w_f) * fmin(T / T_f, 1)
     return dict(w_f=w_f + moved), dict(a_w=moved / T)
 
@@ -133,7 +131,7 @@ def refill(
     released=Output("1", "1 while the limit of a release gives the demand", lo=0, hi=1),
 )
 def watchdog(
-    let_go=State("s", 0.0, "time of release without a break", lo=0, hi=NEVER),
+    let_go=State("s", 0.0, "time of release without a break", lo=0, hi="limit"),
     back=State("s", 0.0, "time for which the demand is given after it", lo=0, hi=10),
     hold_by=Input("1", "bit of the valve that shuts the supply off, by slide protection"),
     vent_by=Input("1", "bit of the valve that vents, by slide protection"),
@@ -161,6 +159,6 @@ def watchdog(
     time = if_else(lets, fmin(let_go + T, NEVER), 0)
     over = time >= if_else(stands > 0.5, fmin(limit, limit_still), limit)
     left = if_else(over, again, fmax(back - T, 0))
-    return dict(let_go=if_else(over, 0, time), back=left), dict(
+    return dict(let_go=if_else(over, 0, fmin(time, limit)), back=left), dict(
         hold=hold, vent=vent, released=given
     )

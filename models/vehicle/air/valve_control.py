@@ -81,7 +81,7 @@ def slide_protection(trip: Trip, part: SlideProtection, w: Wheel) -> tuple[Parts
     parts = {
         "slip": slip_from_speeds(driven=False),
         "gate": protection_off.with_params(v_off=part.cut_off),
-        "rim": rim_acceleration.with_params(T_f=part.filter, r=w.r, v_start=trip.vehicle.speed),
+        "rim": rim_acceleration.with_params(T_f=part.filter, v_start=trip.vehicle.speed),
         "machine": machine,
         "refill": with_numbers(refill, numbers | {"ramp": part.ramp}),
         "safe": with_numbers(watchdog, numbers).with_params(
@@ -90,8 +90,8 @@ def slide_protection(trip: Trip, part: SlideProtection, w: Wheel) -> tuple[Parts
         "model": model_of_brake(trip),
     }
     wires = {
-        "slip.v": "trust.v", "slip.omega": "trust.omega", "gate.v": "trust.v",
-        "gate.ready": "trust.ready", "rim.omega": "trust.omega", "machine.v": "trust.v",
+        "slip.v": "trust.v", "slip.rim": "trust.rim", "gate.v": "trust.v",
+        "gate.ready": "trust.ready", "rim.rim": "trust.rim", "machine.v": "trust.v",
         "machine.v_s": "slip.v_s", "machine.a_w": "rim.a_w", "machine.off": "gate.off",
         "refill.state": "machine.state", "refill.T_b": "trust.T_b",
         "refill.under_way": "model.under_way", "refill.T_demand": "trust.demand",

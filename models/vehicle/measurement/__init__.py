@@ -1,1 +1,1 @@
-"""What is measured on a vehicle, and the speed that is made of it."""
+"""What is measured on a vehicle, the speed that is made of it, and what a controller believes."""

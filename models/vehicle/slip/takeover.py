@@ -23,11 +23,11 @@ def slip_from_speeds(driven: bool) -> Block:
     )  # fmt: skip
     def slip(
         v=Input("m/s", "measured vehicle speed"),
-        omega=Input("rad/s", "measured wheel speed"),
+        rim=Input("m/s", "speed of the rim"),
         r=Param("m", 0.42, "wheel radius", ADDED, lo=0.2, hi=1),
     ):
-        """v_s = v - r omega; of a driven wheel r omega - v."""
-        return dict(v_s=turn * (v - r * omega), omega_s=turn * omega)
+        """v_s = v - rim; of a driven wheel rim - v. A wrong radius makes no slip."""
+        return dict(v_s=turn * (v - rim), omega_s=turn * rim / r)
 
     return slip
 

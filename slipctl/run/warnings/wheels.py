@@ -36,6 +36,12 @@ RATIO_FROM = 1.0
 MOVING = (*(f"plant.field.{n}" for n in LAYER), "plant.transfer.dN")
 """Signals that say what a rail with a layer, and a load that moves, are like under each axle."""
 
+RELEASES = {
+    "ctl.trust.retry": ("the train", "[control] release_train"),
+    "ctl.safe.released": ("axle {}", "[control] release and release_still"),
+}
+"""Signals that are 1 while the limit of a release gives the demand: whose, and what sets it."""
+
 Values = Mapping[Any, Any]
 
 
@@ -57,7 +63,7 @@ def watched_wheels(loop: Block) -> set[str]:
     """Signals that :func:`wheel_warnings` needs."""
     known = {**loop.states, **loop.outputs}
     found = {"demand.T_demand", "ctl.T_cmd", "ctl.hold", "plant.T", "plant.train.x",
-             "plant.train.v", "speed.v_m", "speed.error", *MOVING}  # fmt: skip
+             "plant.train.v", "speed.v_m", "speed.error", *MOVING, *RELEASES}  # fmt: skip
     for path, _, slip in rail_laws(loop):
         home = path.rpartition(".")[0]
         found |= {slip, *(n for n in known if n.startswith(f"{home}.") and n.endswith(".v"))}
@@ -73,7 +79,8 @@ def wheel_warnings(loop: Block, scenario: Scenario, log: Values) -> list[str]:
     """
     if np.asarray(log["time"]).size < 2:
         return []
-    return [*_held(loop, scenario, log), *_wrong_speed(log), *_slides(loop, log)]
+    held = _held(loop, scenario, log)
+    return [*held, *_ended_releases(log), *_wrong_speed(log), *_slides(loop, log)]
 
 
 # ---- a slide -------------------------------------------------------------------------------------
@@ -204,6 +211,29 @@ def longest_span(true: np.ndarray) -> tuple[int, int]:
         return 0, 0
     k = int(np.argmax(ends - begins))
     return int(begins[k]), int(ends[k])
+
+
+# ---- a release that is too long ------------------------------------------------------------------
+
+
+def _ended_releases(log: Values) -> Iterator[str]:
+    """Releases that their limit has ended: of an axle, of the train."""
+    train = np.zeros(np.asarray(log["time"]).size, dtype=bool)
+    for name, (whose, key) in RELEASES.items():
+        if name not in log:
+            continue
+        given = _columns(log[name]) > 0.5
+        own = given & ~train[:, None]  # the train's limit ends that of each axle, too
+        begins = own & ~np.vstack([np.zeros_like(own[:1]), own[:-1]])
+        train = train | given.any(axis=1) if name == "ctl.trust.retry" else train
+        for axle in np.flatnonzero(begins.any(axis=0)):
+            times = np.asarray(log["time"])[begins[:, axle]]
+            yield (
+                f"{whose.format(axle + 1)} was released for too long, and got the demand at"
+                f" {times[0]:.4g} s"
+                + (f", {times.size} times" if times.size > 1 else "")
+                + f"; {key}"
+            )
 
 
 # ---- a speed that is wrong -----------------------------------------------------------------------
