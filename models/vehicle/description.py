@@ -14,7 +14,7 @@ from slipctl.models.vehicle import control, of_study, study
 from slipctl.models.vehicle.contamination import field_of_rail
 from slipctl.models.vehicle.of_study import StudyTrip
 from slipctl.models.vehicle.parts import Trip
-from slipctl.models.vehicle.trip import rail_law
+from slipctl.models.vehicle.rail_laws import rail_law
 from slipctl.study.declaration import Study
 
 Fault = tuple[tuple[str | int, ...], str]
