@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from slipctl import BadInput, Block
+from slipctl import Block
+from slipctl.errors import Faults, nearest
 from slipctl.models.vehicle.parts import TrainSlip, Trip
 from slipctl.models.vehicle.plant import on_train
 from slipctl.models.vehicle.rail_laws import layer_law, numbers_of, rail_law
@@ -17,18 +18,16 @@ def believed_curves(trip: Trip, part: TrainSlip) -> tuple[Block, Block]:
     """Curves under the layer and without it, as the controllers believe them.
 
     Raises:
-        BadInput: no contaminated rail, no such condition. Faults: unknown parameters.
+        Faults: no such condition, unknown parameters.
     """
-    layer = trip.rail.contamination
-    if layer is None:
-        raise BadInput(
-            "kind = 'train' knows the layer from [rail.contamination], which is not there; add it"
-            " (tau = 0 cleans nothing), or write another kind"
-        )
-    rail = rail_law(trip)
+    layer, rail = trip.rail.contamination, rail_law(trip)
+    assert layer is not None
     name = part.condition or trip.rail.sections[0].condition
     if name not in rail.conditions:
-        raise BadInput(f"condition: no section of the rail has the condition {name!r}")
+        raise Faults([
+            f"condition: no section of the rail has the condition {name!r}"
+            f"{nearest(name, rail.conditions)}"
+        ])  # fmt: skip
     fouled, clean = layer_law(trip, layer), on_train(rail.with_params(**rail.conditions[name]))
     fouled = fouled.with_params(**numbers_of(fouled, part.layer, "layer"))
     clean = clean.with_params(**numbers_of(clean, part.clean, "clean"))
@@ -55,7 +54,7 @@ def train_reference(trip: Trip, part: TrainSlip) -> Block:
     """Slip reference of the axles of a trip; ``behind`` is each axle's own.
 
     Raises:
-        BadInput: as :func:`believed_curves`.
+        Faults: as :func:`believed_curves`.
     """
     train = believed_train(trip, part)
     caution = part.caution

@@ -2,8 +2,8 @@
 
 With a strength that is too large, axles slide where nothing is to be gained, and the train stops
 later than with each axle at its own peak. How much later depends on the train: two axles gain next
-to nothing, and sixteen always win. So it is worked out for each train, over one rail point and some
-speeds, with the curves that are believed and each true strength within the factor.
+to nothing, and sixteen nearly always win. So it is worked out for each train, over one rail point
+and some speeds, with the curves that are believed and each true strength within the factor.
 """
 
 from __future__ import annotations
@@ -15,27 +15,44 @@ from slipctl.models.wheel_rail.sliding_train import SlidingTrain
 SHARES = np.linspace(0.0, 1.0, 21)
 """Shares of the strength that are tried."""
 
+FACTORS = 7
+"""True strengths that are tried: an odd number, so that the one believed is among them."""
+
+
+FEW = 2
+"""Axles of a train that does not try: all that it may gain is less than a falling curve costs."""
+
+WORTH = 0.015
+"""Share of the distance that has to be gained if the strength is as believed."""
+
 
 def cautious_share(
-    train: SlidingTrain, speed: float, within: float = 3.0, worse: float = 0.015
+    train: SlidingTrain, speed: float, within: float = 3.0, worse: float = 0.01
 ) -> float:
     """Largest share of the believed strength with which a train never stops much later.
+
+    Where a train with that share gains next to nothing it is 0, which is each axle's own peak.
 
     Args:
         train: the train, with the strength that is believed.
         speed: from which it brakes, in m/s.
         within: factor by which the true strength may be larger or smaller.
-        worse: share of the distance of best slips that may be lost.
+        worse: share of the distance of best slips that may be lost. Valves and a slip that is not
+            held exactly cost as much again.
     """
-    later = _later(train, speed, within).max(axis=1)
-    allowed = np.flatnonzero(later > worse)
-    return float(SHARES[allowed[0] - 1 if allowed.size else -1])
+    if train.axles <= FEW:
+        return 0.0
+    later = _later(train, speed, within)
+    over = np.flatnonzero(later.max(axis=1) > worse)
+    most = int(over[0]) - 1 if over.size else SHARES.size - 1
+    as_believed = later[: most + 1, FACTORS // 2]
+    return float(SHARES[most]) if as_believed.min() < -WORTH else 0.0
 
 
 def _later(train: SlidingTrain, speed: float, within: float) -> np.ndarray:
     """By what share the way is longer than with own peaks, by share and true strength."""
     speeds = np.linspace(0.15, 1.0, 7) * speed
-    factors = np.geomspace(1 / within, within, 7)
+    factors = np.geomspace(1 / within, within, FACTORS)
     ways = np.array([
         [v / np.maximum(train.gravity * f / train.axles + train.lost(v), 1e-9) for f in rows]
         for v, rows in ((v, _forces(train, float(v), factors)) for v in speeds)
