@@ -10,8 +10,8 @@ import numpy as np
 
 from slipctl import Block, Known, Rail
 from slipctl.models.common_form import T_S
+from slipctl.models.vehicle.adhesion import contaminated_law, layer_law, peak_of_layer
 from slipctl.models.vehicle.parts import Trip
-from slipctl.models.vehicle.rail_laws import contaminated_law, layer_law, peak_of_layer
 from slipctl.models.wheel_rail.rail_memory import EVERYWHERE, Cells, Layer, rail_field
 
 

@@ -37,6 +37,7 @@ from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
 from slipctl.models.common_form import Wheel
 from slipctl.models.predictive.predictive_slip import predictive
+from slipctl.models.vehicle.adhesion import numbers_of
 from slipctl.models.vehicle.air.valve_control import (
     slide_protection,
     torque_to_bits,
@@ -61,7 +62,6 @@ from slipctl.models.vehicle.parts import (
     Trip,
     torque_of,
 )
-from slipctl.models.vehicle.rail_laws import numbers_of
 from slipctl.models.vehicle.ranges import of_inputs, searched_ranges, with_control_ranges
 from slipctl.models.vehicle.safe_output import (
     contained_block,
@@ -80,7 +80,7 @@ from slipctl.models.vehicle.slip.takeover import (
     wake,
     watch,
 )
-from slipctl.models.vehicle.train_reference import axles_behind, train_reference
+from slipctl.models.vehicle.slip.train_reference import axles_behind, train_reference
 from slipctl.study.resolve import load_block
 
 BEHIND = "reference.behind"

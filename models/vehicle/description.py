@@ -11,11 +11,11 @@ from slipctl.block.signals import Signal
 from slipctl.errors import BadInput, Faults
 from slipctl.models import common_form
 from slipctl.models.vehicle import control, of_study, study
+from slipctl.models.vehicle.adhesion import rail_law
 from slipctl.models.vehicle.contamination import field_of_rail
 from slipctl.models.vehicle.of_study import StudyTrip
 from slipctl.models.vehicle.parts import TrainSlip, Trip
-from slipctl.models.vehicle.rail_laws import rail_law
-from slipctl.models.vehicle.train_reference import believed_curves
+from slipctl.models.vehicle.slip.train_reference import believed_curves
 from slipctl.study.declaration import Study
 
 Fault = tuple[tuple[str | int, ...], str]

@@ -43,6 +43,7 @@ from slipctl import (
 from slipctl.block.units.unit_algebra import unit
 from slipctl.errors import BadInput, Faults
 from slipctl.models.common_form import ADDED, T_S
+from slipctl.models.vehicle.adhesion import contaminated_law, rail_law
 from slipctl.models.vehicle.books import known_of_trip
 from slipctl.models.vehicle.contamination import best_of_layer, field_of_rail
 from slipctl.models.vehicle.control import vehicle_control
@@ -66,7 +67,6 @@ from slipctl.models.vehicle.parts import (
     number_with_unit,
 )
 from slipctl.models.vehicle.plant import plant
-from slipctl.models.vehicle.rail_laws import contaminated_law, rail_law
 from slipctl.run.results import Loops
 
 STOPPED, STANDS = 0.02, 0.5

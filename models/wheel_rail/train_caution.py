@@ -22,7 +22,7 @@ FACTORS = 7
 FEW = 2
 """Axles of a train that does not try: all that it may gain is less than a falling curve costs."""
 
-WORTH = 0.015
+WORTH = 0.005
 """Share of the distance that has to be gained if the strength is as believed."""
 
 

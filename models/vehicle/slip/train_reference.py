@@ -6,9 +6,9 @@ import numpy as np
 
 from slipctl import Block
 from slipctl.errors import Faults, nearest
+from slipctl.models.vehicle.adhesion import layer_law, numbers_of, rail_law
 from slipctl.models.vehicle.parts import TrainSlip, Trip
 from slipctl.models.vehicle.plant import on_train
-from slipctl.models.vehicle.rail_laws import layer_law, numbers_of, rail_law
 from slipctl.models.vehicle.slip.train_slip import train_slip
 from slipctl.models.wheel_rail.sliding_train import SlidingTrain
 from slipctl.models.wheel_rail.train_caution import cautious_share
