@@ -19,13 +19,13 @@ from slipctl.certify.axle_loop import axle_system
 from slipctl.certify.mode_cells import ModeLoop
 from slipctl.certify.slide_loop import slide_system
 from slipctl.certify.systems import System
+from slipctl.models.vehicle.adhesion import rail_law
 from slipctl.models.vehicle.certificate import gains as bounds
 from slipctl.models.vehicle.certificate.axle_tick import AxleTick, gain_of, loop_law, short_curve
 from slipctl.models.vehicle.certificate.own_gains import why_not
 from slipctl.models.vehicle.certificate.slide_tick import SlideTick
 from slipctl.models.vehicle.control import slip_law, wheel
 from slipctl.models.vehicle.parts import Constant, Controller, Lag, OwnLaw, SlipLaw, Trip
-from slipctl.models.vehicle.trip import rail_law
 
 NO_RAIL = (
     "on every rail of the file the demand or the actuator gives less than the adhesion carries, so"

@@ -27,6 +27,7 @@ from slipctl import BadInput, Block, Gains, Input, Output, Param, connect, law
 from slipctl.analysis.bounds import enclosure, largest_slope
 from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.models.common_form import ADDED
+from slipctl.models.vehicle.adhesion import rail_law
 from slipctl.models.vehicle.certificate.own_gains import (
     Range,
     Tube,
@@ -45,7 +46,7 @@ from slipctl.models.vehicle.parts import (
     Trip,
 )
 from slipctl.models.vehicle.plant import on_train
-from slipctl.models.vehicle.trip import best, rail_law
+from slipctl.models.vehicle.trip import best
 from slipctl.run.sweep.ensemble import FACTOR
 
 COARSE = 0.01

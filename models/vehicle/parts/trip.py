@@ -14,6 +14,7 @@ from slipctl.models.vehicle.parts.controllers import (
     Searched,
     SlideProtection,
     SlipControl,
+    TrainSlip,
 )
 from slipctl.models.vehicle.parts.declaration import (
     STANDSTILL,
@@ -245,6 +246,7 @@ class Trip(Part):
                     f"limits.{name}",
                     "needs [rail.contamination], of which tau = 0 cleans nothing",
                 )
+        yield from self._without_layer()
         for name, part in self.controllers.items():
             if isinstance(part, SlideProtection) and self.actuator.kind != "air":
                 yield (
@@ -256,6 +258,22 @@ class Trip(Part):
                 )
             if not name.isidentifier() or name == "ideal":
                 yield f"controllers.{name}", "write a name of letters, digits and _; not 'ideal'"
+
+    def _without_layer(self) -> Iterator[Fault]:
+        """A slip by what axles clean, where none is braked or nothing is to be cleaned."""
+        own = {f"controllers.{k}.reference": getattr(part, "reference", None)
+               for k, part in self.controllers.items()}  # fmt: skip
+        for where, part in {"reference": self.reference, **own}.items():
+            if not isinstance(part, TrainSlip):
+                continue
+            if self.vehicle.mode == "drive":
+                yield where, "kind = 'train' is for a braked vehicle; write another kind"
+            if self.rail.contamination is None:
+                yield (
+                    where,
+                    "kind = 'train' knows the layer from [rail.contamination]; add it, of which"
+                    " tau = 0 cleans nothing",
+                )
 
     def _pressed(self) -> Iterator[Fault]:
         """Pads whose friction is not known at the largest torque."""
