@@ -246,10 +246,7 @@ def slip_law(trip: Trip, part: Controller, w: Wheel) -> tuple[Block, bool]:
         fits = {n: v for n, v in own.items() if n in block.params and not block.params[n].derived
                 and _of_the_wheel(block.params[n], n)}  # fmt: skip
         block = block.with_params(**fits)
-    block = block.with_params(**numbers_of(block, part.gains, "gains"))
-    if isinstance(part, SlipLaw) and part.kind in INTEGRALS:
-        block = begun_at_torque(block, *INTEGRALS[part.kind])
-    return block, False
+    return block.with_params(**numbers_of(block, part.gains, "gains")), False
 
 
 def vehicle_control(trip: Trip, part: Controller) -> Block:
@@ -355,6 +352,8 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
     reference = part.reference or trip.reference
     settings: SlipControl = trip.control
     law_block, gated_inside = slip_law(trip, part, w)
+    if isinstance(part, SlipLaw) and part.kind in INTEGRALS:
+        law_block = begun_at_torque(law_block, *INTEGRALS[part.kind])
     always = type(trip.demand).__name__ == "Most"
     parts: dict[str, Block] = {
         "slip": slip_from_speeds(trip.vehicle.mode == "drive"),

@@ -284,7 +284,7 @@ def test_an_ensemble_runs_on_the_patches_of_its_draws(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("number = [1, 4]", "number = [4, 1]", "ensemble.patches.number: is two values"),
+        ("number = [1, 4]", "number = [4, 1]", "ensemble.patches.number: is a pair"),
         ("number = [1, 4]", "number = [1, 99]", "outside 0 .. 40"),
         ('to = "300 m"', 'to = "30 m"', "ensemble.patches.to: is 30 m"),
         ('to = "300 m"', 'to = "30 km"', "ensemble.patches.to: is 30000 m, and the run ends at"),
@@ -332,7 +332,7 @@ def test_sand_is_found_by_the_axles_behind_its_nozzle(tmp_path):
         ("axles = [1, 3]", "axles = [1, 3]\nahead = '-0.3 m'", "the nozzle is behind its axle"),
         ("axles = [1, 3]", "axles = [1, 3]\nahead = '0.1 m'", "within a cell of 0.25 m"),
         ("axles = [1, 3]", "axles = [5]", "names axle 5 of 4"),
-        ("axles = [1, 3]", "axles = [1, 1]", "once"),
+        ("axles = [1, 3]", "axles = [1, 1]", "none twice"),
         ("axles = [1, 3]", "", "needs axles"),
     ],
 )

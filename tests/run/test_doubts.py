@@ -186,7 +186,7 @@ def test_a_metric_that_a_loop_has_not_is_told_with_the_reason():
         study=SimpleNamespace(signals=Signals(slip="slip", reference="ref", speed="v"), limits={}),
     )
     assert absent(results, "base") == [
-        "tracking_time of other: left out, there is no reference",
+        "tracking_time of other: not shown, there is no reference",
     ]
     results.metrics["base"]["other"] = metric
     assert absent(results, "base") == []

@@ -521,7 +521,7 @@ def test_a_settling_time_that_tells_no_loop_from_another_is_left_out_with_the_re
         loops[each]["settling_time"] = Metric([None] * 3, "s", ("dry", "wet", "ice"))
     text = metric_table(Results(toy_study.study, [], metrics={"base": loops}), "base", 200)
     assert "settling_time [s]" not in text
-    assert "settling_time: no loop comes into the band to stay" in text
+    assert "settling_time: no loop settles in the band" in text
 
 
 def test_a_run_that_failed_is_the_best_of_no_row() -> None:
