@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 from slipctl.models.vehicle.certificate import axle_loops
@@ -10,7 +11,7 @@ from slipctl.models.vehicle.certificate.gains import gains, reasons_without_cert
 from slipctl.models.vehicle.contamination import patches_of_seed
 from slipctl.models.vehicle.parts import Air, Drawn, Trip, number_with_unit
 from slipctl.models.vehicle.parts.plausibility import unusual_numbers
-from slipctl.models.vehicle.trip import case
+from slipctl.models.vehicle.trip import CLEAN, case, clean_case
 from slipctl.run.roles import Signals
 from slipctl.run.sweep.ensemble import Ensemble
 from slipctl.study.declaration import Figure, Study
@@ -20,7 +21,7 @@ SIGNALS = Signals(
     reference="ctl.reference.v_best", best_slip="rail.best_slip",
     adhesion="plant.train.mu", best_adhesion="rail.best_adhesion", torque="plant.T",
     contact_power="plant.train.P_contact", wear_rate="contact.wear", flash="contact.flash",
-    energy_error="books.error",
+    energy_error="books.error", mark="trip.mark",
 )  # fmt: skip
 
 LOG = (
@@ -55,6 +56,16 @@ def _slip(results: Any) -> Any:
     named = {"slip": "slip speed", "torque": f"{'brake' if braking else 'drive'} torque",
              "position": "distance"}  # fmt: skip
     return plots.traces(results, "base", signals=("slip", "torque", "position"), labels=named)
+
+
+def signals_of_trip(trip: Trip) -> Signals:
+    """Which signals of its logs play which role."""
+    more = {}
+    if isinstance(trip.actuator, Air):
+        more = {"air_used": "plant.air.used", "valve_changes": "plant.act.switched"}
+        if trip.actuator.reservoir is not None:
+            more["air_left"] = "plant.air.left"
+    return replace(SIGNALS, mirrored=trip.vehicle.mode == "drive", **more)
 
 
 def parts_without_effect(trip: Trip) -> Iterator[str]:
@@ -98,14 +109,16 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         name: of its folder and files.
         source: where it is from, for the report.
     """
-    from dataclasses import replace
 
     def cases(models: Any, quick: bool) -> list[Any]:
         found = case(trip, "base")
         if quick:
             short = found.scenario.but(duration=min(found.scenario.duration, 0.5))
             found = replace(found, scenario=short)
-        return [replace(found, log=LOG)]
+        if trip.rail.contamination is None:
+            return [replace(found, log=LOG)]
+        found = replace(found, log=LOG, clean=CLEAN)
+        return [found, replace(clean_case(trip, found), clean="")]
 
     drawn = trip.ensemble
     ensembles = {} if drawn is None else {"base": _ensemble(trip, drawn)}
@@ -122,7 +135,7 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
             asked, why = (), dict.fromkeys(trip.controllers, said)
     return Study(
         name=name, title=trip.title, source=source, doc=doc, cases=cases,
-        signals=replace(SIGNALS, mirrored=vehicle.mode == "drive"),
+        signals=signals_of_trip(trip), plain=("base", CLEAN),
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
         ensembles=ensembles, gains=asked, uncertified=why,
         without_effect=(*parts_without_effect(trip), *unusual_numbers(trip)),

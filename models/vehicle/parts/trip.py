@@ -50,6 +50,12 @@ class Limits(Part):
     wear: float | None = number("kg", None, "of the wheel that wears most", lo=0)
     flash_temperature: float | None = number("K", None, "above wheel and rail", lo=0)
     stop_jolt: float | None = number("m/s^2", None, "deceleration that ends at standstill", lo=0)
+    extension: float | None = number(
+        "1", None, "stopping distance over that on the clean rail, less 1", lo=0
+    )
+    overrun: float | None = number("m", None, "beyond the mark", lo=0)
+    air_used: float | None = number("l", None, "free air of all cylinders", lo=0)
+    valve_operations: int | None = number("1", None, "of the valves that move most", lo=0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +122,10 @@ class Trip(Part):
     title: str = text_field("A vehicle of one's own", "a line for report and figures")
     duration: float = number("s", 30.0, "of the run", lo=0.01, hi=1e4)
     end: str = text_field("", "what ends a run before: 'standstill', or a place of the first axle")
+    mark: float | None = number(
+        "m", None, "place that the first axle shall not pass: a signal, the end of a platform",
+        lo=0, hi=1e6,
+    )  # fmt: skip
     vehicle: Vehicle = text_field(MISSING, "the vehicle")
     actuator: Actuator = text_field(MISSING, "what turns or brakes each axle")
     rail: Track = text_field(MISSING, "the rail")
@@ -190,12 +200,7 @@ class Trip(Part):
                 yield f"sensors.faults.{k}.axle", f"is {fault.axle} of {worked} axles"
         yield from self._misplaced()
         yield from self._pressed()
-        for name in SLIDES:
-            if self.rail.contamination is None and getattr(self.limits, name, None) is not None:
-                yield (
-                    f"limits.{name}",
-                    "needs [rail.contamination], of which tau = 0 cleans nothing",
-                )
+        yield from self._unmeasured()
         for name, part in self.controllers.items():
             if isinstance(part, SlideProtection) and self.actuator.kind != "air":
                 yield (
@@ -207,6 +212,19 @@ class Trip(Part):
                 )
             if not name.isidentifier() or name == "ideal":
                 yield f"controllers.{name}", "write a name of letters, digits and _; not 'ideal'"
+
+    def _unmeasured(self) -> Iterator[Fault]:
+        """Limits of what no run of this trip tells."""
+        given = {name for name, limit in vars(self.limits).items() if limit is not None}
+        for name in given & {*SLIDES, "extension"} if self.rail.contamination is None else ():
+            yield (
+                f"limits.{name}",
+                "needs [rail.contamination], of which tau = 0 cleans nothing",
+            )
+        for name in given & {"air_used", "valve_operations"} if self.actuator.kind != "air" else ():
+            yield f"limits.{name}", "needs kind = 'air' under [actuator]"
+        if "overrun" in given and self.mark is None:
+            yield "limits.overrun", "needs the mark that is not to be passed; write mark = '900 m'"
 
     def _pressed(self) -> Iterator[Fault]:
         """Pads whose friction is not known at the largest torque."""
