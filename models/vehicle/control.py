@@ -403,7 +403,11 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
     if isinstance(reference, Searched):
         curve, begin = law_and_guess(reference)
         found, given = _searched(
-            curve, tuple(begin.items()), reference.noise, ticks_of(WINDOW, trip)
+            curve,
+            tuple(begin.items()),
+            reference.noise,
+            ticks_of(WINDOW, trip),
+            trip.control.period,
         )
         inner = dict(given)
         peak = typical_slip(reference, trip.vehicle.speed)
@@ -434,10 +438,10 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
 
 @lru_cache(maxsize=8)
 def _searched(
-    curve: Block, begin: tuple[tuple[str, float], ...], noise: float, ticks: int
+    curve: Block, begin: tuple[tuple[str, float], ...], noise: float, ticks: int, tick: float
 ) -> tuple[Mapping[str, Block], Mapping[str, str]]:
     """Parts that find the best slip, and their wires; made once for all controllers of a trip."""
-    parts, wires = best_slip.search_parts(curve, dict(begin), noise, ticks)
+    parts, wires = best_slip.search_parts(curve, dict(begin), noise, ticks, tick)
     return parts | searched_ranges(parts, curve, dict(begin)), wires
 
 

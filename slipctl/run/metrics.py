@@ -2,8 +2,8 @@
 
 Which logged signal is the speed, the slip or the torque is said by ``slipctl.run.roles.Signals``.
 Of a signal with a value per axle, slip, torque and bounds take the worst axle, adhesion takes the
-mean. Metrics of sliding wheels are in ``slipctl.run.measures.slide_metrics``, those of air, of a mark and
-beside clean rail in ``brake_metrics``.
+mean. Metrics of sliding wheels are in ``slipctl.run.measures.slide_metrics``, those of air, of a
+mark and beside clean rail in ``brake_metrics``.
 """
 
 from __future__ import annotations

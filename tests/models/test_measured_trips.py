@@ -101,3 +101,15 @@ def test_a_limit_beside_clean_rail_is_judged_where_there_is_one():
     results = run(asked, cases)
     assert values_beyond_limit(results, "base")["wsp"] == {"extension": [0]}
     assert values_beyond_limit(results, "clean")["wsp"] == {}
+
+
+@pytest.mark.parametrize("period", [0.001, 0.004, 0.01, 0.02])
+def test_a_best_slip_is_searched_at_any_period_of_the_controllers(period):
+    """The fit has a period of its own, which has to be a whole number of the controllers'."""
+    from slipctl.models.vehicle import ScheduledPI, Searched, loop
+
+    made = replace(
+        TRIP, control=SlipControl(period=period),
+        controllers={"pi": ScheduledPI(reference=Searched())},
+    )  # fmt: skip
+    assert loop(made, "pi").period == pytest.approx(1e-3)
