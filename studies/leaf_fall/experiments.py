@@ -78,7 +78,7 @@ def bound(context: Context) -> dict[str, Table]:
             row = (name, rule, begin.place + run.distance, float(left.max()))
             for key, value in zip(rows, row, strict=True):
                 rows[key].append(value)
-        means = {rule: in_leaves(run.e, run.W, run.x, made, begin) for rule, run in found.items()}
+        means = {rule: in_leaves(run.e, run.x, made, begin) for rule, run in found.items()}
         for axle in range(8):
             for key, value in zip(slips, (name, axle + 1, *(m[axle] for m in means.values())),
                                   strict=True):  # fmt: skip
@@ -114,13 +114,11 @@ def bound(context: Context) -> dict[str, Table]:
     }
 
 
-def in_leaves(
-    slip: np.ndarray, W: np.ndarray, x: np.ndarray, made: Trip, begin: Begin
-) -> list[float]:  # fmt: skip
+def in_leaves(slip: np.ndarray, x: np.ndarray, made: Trip, begin: Begin) -> list[float]:
     """Mean slip of each axle in percent while it is in the leaves.
 
     Args:
-        slip: slip ratio, shape (steps, axles). W: energy that was found, of the same shape.
+        slip: slip ratio, shape (steps, axles).
         x: place of the first axle since the brakes were full. made: the trip. begin: where that is.
     """
     layer = made.rail.contamination

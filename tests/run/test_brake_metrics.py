@@ -1,4 +1,4 @@
-"""Metrics of air, of a mark and beside clean rail, on logs whose numbers are known in closed form."""
+"""Metrics of air, of a mark and beside clean rail, on logs with numbers in closed form."""
 
 import numpy as np
 import pytest
