@@ -14,7 +14,7 @@ from slipctl.models.vehicle.parts.plausibility import unusual_numbers
 from slipctl.models.vehicle.trip import CLEAN, case, clean_case
 from slipctl.run.roles import Signals
 from slipctl.run.sweep.ensemble import Ensemble
-from slipctl.study.declaration import Figure, Study
+from slipctl.study.declaration import Figure, Gains, Study
 
 SIGNALS = Signals(
     speed="plant.train.v", position="plant.train.x", slip="slip.y",
@@ -128,11 +128,12 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         f" {vehicle.total / 1e3:g} t on {vehicle.axles} axles, at the start at"
         f" {3.6 * vehicle.speed:.4g} km/h."
     )
-    asked, why = (*gains(trip), *axle_loops.gains(trip)), reasons(trip)
-    for unlike, said in ((isinstance(trip.actuator, Air), BITS),
-                         (trip.rail.contamination is not None, NO_LAYER)):  # fmt: skip
-        if unlike:
-            asked, why = (), dict.fromkeys(trip.controllers, said)
+    contaminated, by_bits = trip.rail.contamination is not None, isinstance(trip.actuator, Air)
+    if contaminated or by_bits:
+        asked: tuple[Gains, ...] = ()
+        why = dict.fromkeys(trip.controllers, NO_LAYER if contaminated else BITS)
+    else:
+        asked, why = (*gains(trip), *axle_loops.gains(trip)), reasons(trip)
     return Study(
         name=name, title=trip.title, source=source, doc=doc, cases=cases,
         signals=signals_of_trip(trip), plain=("base", CLEAN),

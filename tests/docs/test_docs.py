@@ -31,7 +31,8 @@ PAGES = (
     "fmu.md", "all_rails.md", "laws.md", "sweeps.md", "tune.md", "replay.md", "own_vehicle.md",
     "own_law.md", "own_controller.md", "own_slide_protection.md", "start.md",
     "python_control.md", "own_figures.md",
-    "notebook.md", "gallery.md", "predictive.md", "leaf_fall.md", "theory.md", "trials.md", "own_proof.md",
+    "notebook.md", "gallery.md", "predictive.md", "leaf_fall.md", "theory.md",
+    "trials.md", "own_proof.md",
 )  # fmt: skip
 """Pages whose code is run, beside the tutorial."""
 

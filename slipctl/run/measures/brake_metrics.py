@@ -1,7 +1,7 @@
 """Metrics of a brake that works on air, of a stop beside that on clean rail, and of a mark.
 
-They are what a board asks after a stop: how much longer it was than on clean rail, whether the
-train passed the mark, what air it took, and how often the valves moved.
+They are what a board asks after a stop. How much longer was it than on clean rail? Did the train
+pass the mark? What air did it take, and how often did the valves move?
 """
 
 from __future__ import annotations
