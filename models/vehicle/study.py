@@ -83,6 +83,11 @@ def parts_without_effect(trip: Trip) -> Iterator[str]:
         yield f"demand.until: {until} is not before the end of the run, {trip.duration:g} s"
 
 
+MAGNETS = (
+    "the vehicle has a track brake, and no certificate bounds what it does to the slip; leave out"
+    " [vehicle.track_brake]"
+)
+
 NO_LAYER = (
     "the rail is contaminated, and no certificate bounds an adhesion that wheels change; leave out"
     " [rail.contamination] and name the layer as a rail condition"
@@ -128,10 +133,16 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         f" {vehicle.total / 1e3:g} t on {vehicle.axles} axles, at the start at"
         f" {3.6 * vehicle.speed:.4g} km/h."
     )
-    contaminated, by_bits = trip.rail.contamination is not None, isinstance(trip.actuator, Air)
-    if contaminated or by_bits:
+    unlike = [
+        said for there, said in (
+            (trip.rail.contamination is not None, NO_LAYER),
+            (isinstance(trip.actuator, Air), BITS),
+            (trip.vehicle.track_brake is not None, MAGNETS),
+        ) if there
+    ]  # fmt: skip
+    if unlike:
         asked: tuple[Gains, ...] = ()
-        why = dict.fromkeys(trip.controllers, NO_LAYER if contaminated else BITS)
+        why = dict.fromkeys(trip.controllers, unlike[0])
     else:
         asked, why = (*gains(trip), *axle_loops.gains(trip)), reasons(trip)
     return Study(
