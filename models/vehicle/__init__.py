@@ -29,6 +29,7 @@ from slipctl.models.vehicle.parts import (
     Stretch,
     ToothWheel,
     Track,
+    TrainSlip,
     Trip,
     Valve,
     Vehicle,

@@ -8,63 +8,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl import BadInput, Block, Known, Rail, argmax
-from slipctl.errors import Faults, nearest
+from slipctl import Block, Known, Rail
 from slipctl.models.common_form import T_S
-from slipctl.models.vehicle.adhesion import law_faults
-from slipctl.models.vehicle.control import numbers_of
-from slipctl.models.vehicle.parts import Contamination, Trip
-from slipctl.models.vehicle.plant import on_train
-from slipctl.models.wheel_rail.rail_memory import EVERYWHERE, Cells, Layer, blended_law, rail_field
-from slipctl.study.resolve import load_block
-
-WHERE = "rail.contamination"
-
-
-def layer_law(trip: Trip, part: Contamination) -> Block:
-    """Law under the layer, as a train takes it, with its own numbers.
-
-    Raises:
-        Faults: no such law or condition, parameters that it has not, what no rail does.
-    """
-    try:
-        block = load_block(part.law or trip.rail.law)
-        on_train(block)  # says what is wrong with it
-    except BadInput as error:
-        raise Faults([f"{WHERE}.law: {error}"]) from None
-    values: dict[str, float] = {}
-    if part.condition:
-        if part.condition not in block.conditions:
-            raise Faults(
-                [
-                    f"{WHERE}.condition: {block.name} has no condition {part.condition!r}"
-                    f"{nearest(part.condition, block.conditions)}"
-                ]
-            )
-        values |= block.conditions[part.condition]
-    values |= numbers_of(block, part.numbers, f"{WHERE}.numbers")
-    driven = trip.vehicle.mode == "drive"
-    wrong = list(law_faults(block, {"layer": values}, trip.vehicle.speed, driven))
-    if wrong:
-        raise Faults([f"{WHERE}.law: {why}" for _, why in wrong])
-    return on_train(block.with_params(**values))
-
-
-def peak_of_layer(law: Block, speed: float) -> float:
-    """Largest adhesion of a law as a train takes it, at a speed in m/s of 1 at least."""
-    v = max(speed, 1.0)
-    return float(argmax(law, "v_s", "mu", lo=1e-4, hi=max(10.0, v), at={"v": v}).value)
-
-
-def contaminated_law(trip: Trip, clean: Block) -> Block:
-    """Law of the rail: between the layer and what is under it, where the trip has a layer.
-
-    Args:
-        trip: the trip.
-        clean: law of its rail, with its conditions.
-    """
-    part = trip.rail.contamination
-    return clean if part is None else blended_law(layer_law(trip, part), on_train(clean))
+from slipctl.models.vehicle.parts import Trip
+from slipctl.models.vehicle.rail_laws import contaminated_law, layer_law, peak_of_layer
+from slipctl.models.wheel_rail.rail_memory import EVERYWHERE, Cells, Layer, rail_field
 
 
 def field_of_rail(trip: Trip) -> Block | None:

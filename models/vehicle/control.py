@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
+from typing import Any
 
 from casadi import fabs, fmax, fmin
 
@@ -30,8 +31,7 @@ from slipctl import (
     make_block,
     replicate,
 )
-from slipctl.block.units.unit_algebra import parse_quantity, unit
-from slipctl.errors import Faults, nearest
+from slipctl.block.units.unit_algebra import unit
 from slipctl.estimate.model import unknown_parameters
 from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
@@ -60,9 +60,11 @@ from slipctl.models.vehicle.parts import (
     SlipControl,
     SlipLaw,
     SlipSpeed,
+    TrainSlip,
     Trip,
     torque_of,
 )
+from slipctl.models.vehicle.rail_laws import numbers_of
 from slipctl.models.vehicle.ranges import of_inputs, searched_ranges, with_control_ranges
 from slipctl.models.vehicle.safe_output import (
     contained_block,
@@ -81,7 +83,11 @@ from slipctl.models.vehicle.slip.takeover import (
     wake,
     watch,
 )
+from slipctl.models.vehicle.train_reference import axles_behind, train_reference
 from slipctl.study.resolve import load_block
+
+BEHIND = "reference.behind"
+"""How many axles follow, of which each axle has its own; see models/vehicle/slip/train_slip.py."""
 
 WINDOW = 0.016
 """Time in s over which the adhesion is measured, and from one search for the best slip on."""
@@ -121,6 +127,8 @@ def typical_slip(reference: Reference, speed: float) -> float:
         return argmax(curve, "v_s", lo=0.01, hi=10.0, at=begin).location
     if isinstance(reference, SlipSpeed):
         return reference.slip
+    if isinstance(reference, TrainSlip):
+        return max(reference.slip / 2 * max(speed, 1.0), reference.least)
     return max(reference.slip * max(speed, 1.0), reference.least)
 
 
@@ -144,35 +152,6 @@ def law_and_guess(part: Searched) -> tuple[Block, dict[str, float]]:
     else:
         begin = {n: float(curve.params[n].value) for n in names}
     return curve, {n: begin.get(n, float(curve.params[n].value)) for n in names}
-
-
-def numbers_of(block: Block, given: Mapping[str, float | str], where: str) -> dict[str, float]:
-    """Numbers of a block's parameters, with their units where they are texts.
-
-    Raises:
-        Faults: unknown or derived parameters, another dimension, values off range.
-    """
-    found, faults = {}, []
-    for name, value in given.items():
-        hits = [k for k in block.params if k == name or k.endswith(f".{name}")]
-        if len(hits) != 1:
-            free = [k for k, s in block.params.items() if not s.derived]
-            unknown = f" {block.name} has no parameter of this name{nearest(name, free)}"
-            why = f" could be {' or '.join(hits)}" if hits else unknown
-            faults.append(f"{where}.{name}:{why}")
-            continue
-        try:
-            signal = block._settable(hits[0])
-            number = value
-            if isinstance(value, str):
-                number = parse_quantity(value, signal.unit, f"{where}.{name}")
-            signal.check(f"{where}.{name}", number)
-            found[hits[0]] = float(number)
-        except BadInput as error:
-            faults.append(str(error))
-    if faults:
-        raise Faults(faults)
-    return found
 
 
 # ---- what comes before and after a law -----------------------------------------------------------
@@ -308,9 +287,10 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     one = ("trust.v", "trust.demand", "trust.retry")
     common = {k for k, source in wires.items() if source in one} | {"fall.a_R", "probe.limit"}
     copies = {
-        name: replicate(block, axles, [n for n in block.inputs if f"{name}.{n}" in common])
+        name: replicate(block, axles, [n for n in block.inputs if f"{name}.{n}" in common],
+                        [n for n in block.params if f"{name}.{n}" == BEHIND])
         for name, block in parts.items()
-    }
+    }  # fmt: skip
     judge = trust(axles, driven, **of_inputs(trip, w))
     wires |= {
         "trust.v": "v", "trust.omega": "omega", "trust.T_b": "T", "trust.T_demand": "T_demand",
@@ -320,7 +300,9 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
             T_max=w.T_max, time=trip.control.let_go, every_=trip.control.let_go_every
         )
     block = with_control_ranges(connect("ctl", wires, trust=judge, **copies), trip, w)
-    own = _numbers(block, w)
+    own: dict[str, Any] = dict(_numbers(block, w))
+    if BEHIND in block.params:
+        own[BEHIND] = axles_behind(trip)
     if isinstance(trip.actuator, Air):  # the bits explain the torque, so its model has no lag
         own["trust.tau"] = TICK
     return at_period(block.with_params(**own), trip)
@@ -443,8 +425,12 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
             "force.mu": "curve.mu",
         }
     else:
-        parts["reference"] = fixed_reference(reference)
         wires |= {"reference.v": "trust.v", "force.mu": "meter.mu_m"}
+        if isinstance(reference, TrainSlip):
+            parts["reference"] = train_reference(trip, reference)
+            wires |= {"reference.mu": "sample.mu", "reference.v_s": "sample.v_s"}
+        else:
+            parts["reference"] = fixed_reference(reference)
         ports["v_best"] = "reference.v_best"
         if isinstance(part, Predictive):
             parts["curve"], ports_of_curve = known_curve()

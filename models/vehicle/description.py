@@ -13,8 +13,9 @@ from slipctl.models import common_form
 from slipctl.models.vehicle import control, of_study, study
 from slipctl.models.vehicle.contamination import field_of_rail
 from slipctl.models.vehicle.of_study import StudyTrip
-from slipctl.models.vehicle.parts import Trip
-from slipctl.models.vehicle.trip import rail_law
+from slipctl.models.vehicle.parts import TrainSlip, Trip
+from slipctl.models.vehicle.rail_laws import rail_law
+from slipctl.models.vehicle.train_reference import believed_curves
 from slipctl.study.declaration import Study
 
 Fault = tuple[tuple[str | int, ...], str]
@@ -84,9 +85,14 @@ def _faults_of_laws(trip: Trip) -> list[Fault]:
         tried(("rail",), lambda: field_of_rail(trip))
     if hasattr(trip.reference, "noise"):
         tried(("reference",), lambda: control.law_and_guess(trip.reference))
+    elif isinstance(trip.reference, TrainSlip) and not faults:
+        tried(("reference",), lambda: believed_curves(trip, trip.reference))
     if faults:
         return faults
     for name, part in trip.controllers.items():
+        own = getattr(part, "reference", None)
+        if isinstance(own, TrainSlip):
+            tried(("controllers", name, "reference"), lambda own=own: believed_curves(trip, own))
         if hasattr(part, "gains"):
             tried(
                 ("controllers", name),
@@ -100,10 +106,10 @@ def _faults_of_laws(trip: Trip) -> list[Fault]:
 
 def _placed(keys: tuple[str | int, ...], line: str) -> Fault:
     """A fault where its line says, below these keys."""
-    found = re.match(r"((?:rail|start|gains)(?:\.\w+)*):? (.+)", line)
+    found = re.match(r"((?:rail|start|gains|layer|clean|condition)(?:\.\w+)*):? (.+)", line)
     if not found:
         return keys, line
     path, rest = found[1].split("."), found[2]
     inner = tuple(int(k) if k.isdigit() else k for k in path)
     inner = inner[1:] if path[0] == "gains" or keys[:1] == ("rail",) else inner
-    return (*keys, *inner), rest
+    return (*keys, *inner), rest.removeprefix("= ")

@@ -41,12 +41,11 @@ from slipctl import (
     step,
 )
 from slipctl.block.units.unit_algebra import unit
-from slipctl.errors import BadInput, Faults, nearest
+from slipctl.errors import BadInput, Faults
 from slipctl.models.common_form import ADDED, T_S
-from slipctl.models.vehicle.adhesion import law_faults
 from slipctl.models.vehicle.books import known_of_trip
-from slipctl.models.vehicle.contamination import best_of_layer, contaminated_law, field_of_rail
-from slipctl.models.vehicle.control import numbers_of, vehicle_control
+from slipctl.models.vehicle.contamination import best_of_layer, field_of_rail
+from slipctl.models.vehicle.control import vehicle_control
 from slipctl.models.vehicle.measurement.sensor_parts import (
     at_one_radius,
     vehicle_speed,
@@ -66,56 +65,15 @@ from slipctl.models.vehicle.parts import (
     Trip,
     number_with_unit,
 )
-from slipctl.models.vehicle.plant import on_train, plant
+from slipctl.models.vehicle.plant import plant
+from slipctl.models.vehicle.rail_laws import contaminated_law, rail_law
 from slipctl.models.wheel_rail.rail_memory import EVERYWHERE
 from slipctl.run.results import Loops
-from slipctl.study.resolve import load_block
 
 STOPPED, STANDS = 0.02, 0.5
 """Speed in m/s of a vehicle that stands, and how long in s it does before the run ends."""
 
 # ---- rail ----------------------------------------------------------------------------------------
-
-
-def rail_law(trip: Trip) -> Block:
-    """Adhesion law of the rail with its own conditions and those of the trip.
-
-    Raises:
-        Faults: no such law, parameters that it has not, conditions that nobody has.
-    """
-    track = trip.rail
-    block = load_block(track.law)
-    on_train(block)  # says what is wrong with it
-    known = {k: dict(v) for k, v in block.conditions.items()} | {c: {} for c in track.conditions}
-    faults: list[str] = []
-    for name, values in track.conditions.items():
-        try:
-            own = block.conditions.get(name, {})
-            known[name] = {**own, **numbers_of(block, values, f"rail.conditions.{name}")}
-        except Faults as error:
-            faults += error.lines
-    for k, stretch in enumerate(track.sections):
-        if stretch.condition not in known:
-            faults.append(
-                f"rail.sections.{k}.condition: the rail has no condition {stretch.condition!r}"
-                f"{nearest(stretch.condition, known)}; {stretch.condition} = {{}} under"
-                f" [rail.conditions] is the law as it stands"
-            )
-    if faults:
-        raise Faults(faults)
-    used = dict.fromkeys(s.condition for s in track.sections)
-    # what one condition sets is set in all, so that none keeps what the one before left
-    names = dict.fromkeys(n for c in used for n in known[c])
-    whole = {n: float(block.params[n].value) for n in names}
-    vehicle, conditions = trip.vehicle, {c: whole | known[c] for c in used}
-    wrong = law_faults(block, conditions, vehicle.speed, vehicle.mode == "drive")
-    faults = [
-        f"rail.conditions.{c}: {why}" if c in track.conditions else f"rail.law: on {c}, {why}"
-        for c, why in wrong
-    ]
-    if faults:
-        raise Faults(faults)
-    return block.with_conditions(**conditions)
 
 
 def rail(trip: Trip) -> Rail:

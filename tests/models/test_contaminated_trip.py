@@ -7,7 +7,8 @@ from slipctl import simulate
 from slipctl.errors import BadInput, Faults
 from slipctl.models.vehicle import case, loop, scenario
 from slipctl.models.vehicle import study as vehicle_study
-from slipctl.models.vehicle.contamination import layer_law, patches_of_seed, peak_of_layer
+from slipctl.models.vehicle.contamination import patches_of_seed
+from slipctl.models.vehicle.rail_laws import layer_law, peak_of_layer
 from slipctl.run.measures.measured_run import Run
 from slipctl.run.metrics import measure
 from slipctl.run.preparation import prepare

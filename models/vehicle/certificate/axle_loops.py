@@ -25,7 +25,7 @@ from slipctl.models.vehicle.certificate.own_gains import why_not
 from slipctl.models.vehicle.certificate.slide_tick import SlideTick
 from slipctl.models.vehicle.control import slip_law, wheel
 from slipctl.models.vehicle.parts import Constant, Controller, Lag, OwnLaw, SlipLaw, Trip
-from slipctl.models.vehicle.trip import rail_law
+from slipctl.models.vehicle.rail_laws import rail_law
 
 NO_RAIL = (
     "on every rail of the file the demand or the actuator gives less than the adhesion carries, so"

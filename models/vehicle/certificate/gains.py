@@ -45,7 +45,8 @@ from slipctl.models.vehicle.parts import (
     Trip,
 )
 from slipctl.models.vehicle.plant import on_train
-from slipctl.models.vehicle.trip import best, rail_law
+from slipctl.models.vehicle.rail_laws import rail_law
+from slipctl.models.vehicle.trip import best
 from slipctl.run.sweep.ensemble import FACTOR
 
 COARSE = 0.01

@@ -20,6 +20,7 @@ from slipctl.models.vehicle.parts.controllers import (
     SlipLaw,
     SlipRatio,
     SlipSpeed,
+    TrainSlip,
 )
 from slipctl.models.vehicle.parts.declaration import (
     STANDSTILL,

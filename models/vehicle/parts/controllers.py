@@ -48,7 +48,31 @@ class SlipRatio(Part):
     least: float = number("m/s", 0.2, "slip speed that it does not fall below", lo=0.01, hi=5)
 
 
-Reference = Searched | SlipSpeed | SlipRatio
+@dataclass(frozen=True, kw_only=True)
+class TrainSlip(Part):
+    """The slip of each axle by what it rubs off a contaminated rail for the axles behind it."""
+
+    kind: Literal["train"] = "train"
+    slip: float = number("1", 0.3, "largest slip over speed", lo=0.02, hi=0.9)
+    least: float = number("m/s", 0.2, "slip speed that it does not fall below", lo=0.01, hi=5)
+    tau: float | None = number(
+        "m/J", None, "strength of the cleaning as the controllers believe; none: that of the rail",
+        lo=0, hi=1,
+    )  # fmt: skip
+    within: float = number("1", 3.0, "factor within which that is known", lo=1, hi=100)
+    caution: float | None = number(
+        "1", None, "share of the strength that is counted on; none: the largest with which this"
+        " train stops no more than 1 % later than with best slips, whatever the strength within"
+        " that factor, and 0 where it gains less than 1.5 %", lo=0, hi=1,
+    )  # fmt: skip
+    condition: str = text_field("", "rail without the layer; none: that of the first section")
+    layer: Mapping[str, float | str] = text_field(
+        {}, "parameters of the curve under the layer that the controllers believe to be others"
+    )
+    clean: Mapping[str, float | str] = text_field({}, "and those of the curve without it")
+
+
+Reference = Searched | SlipSpeed | SlipRatio | TrainSlip
 
 
 @dataclass(frozen=True, kw_only=True)

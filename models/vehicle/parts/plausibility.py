@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from slipctl.models.vehicle.adhesion import heights_of_law
 from slipctl.models.vehicle.parts import SlipRatio, SlipSpeed, ToothWheel, Trip
-from slipctl.models.vehicle.trip import rail_law
+from slipctl.models.vehicle.rail_laws import rail_law
 
 AXLE_LOAD = (1.5e3, 40e3)
 """kg on an axle: a light railcar, and the heaviest ore wagons (37.5 t) with a margin."""

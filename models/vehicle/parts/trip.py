@@ -14,6 +14,7 @@ from slipctl.models.vehicle.parts.controllers import (
     Searched,
     SlideProtection,
     SlipControl,
+    TrainSlip,
 )
 from slipctl.models.vehicle.parts.declaration import (
     STANDSTILL,
@@ -201,6 +202,7 @@ class Trip(Part):
         yield from self._misplaced()
         yield from self._pressed()
         yield from self._unmeasured()
+        yield from self._without_layer()
         for name, part in self.controllers.items():
             if isinstance(part, SlideProtection) and self.actuator.kind != "air":
                 yield (
@@ -216,15 +218,35 @@ class Trip(Part):
     def _unmeasured(self) -> Iterator[Fault]:
         """Limits of what no run of this trip tells."""
         given = {name for name, limit in vars(self.limits).items() if limit is not None}
-        for name in given & {*SLIDES, "extension"} if self.rail.contamination is None else ():
+        for name in (
+            sorted(given & {*SLIDES, "extension"}) if self.rail.contamination is None else ()
+        ):
             yield (
                 f"limits.{name}",
                 "needs [rail.contamination], of which tau = 0 cleans nothing",
             )
-        for name in given & {"air_used", "valve_operations"} if self.actuator.kind != "air" else ():
+        for name in (
+            sorted(given & {"air_used", "valve_operations"}) if self.actuator.kind != "air" else ()
+        ):
             yield f"limits.{name}", "needs kind = 'air' under [actuator]"
         if "overrun" in given and self.mark is None:
             yield "limits.overrun", "needs the mark that is not to be passed; write mark = '900 m'"
+
+    def _without_layer(self) -> Iterator[Fault]:
+        """A slip by what axles clean, where none is braked or nothing is to be cleaned."""
+        own = {f"controllers.{k}.reference": getattr(part, "reference", None)
+               for k, part in self.controllers.items()}  # fmt: skip
+        for where, part in {"reference": self.reference, **own}.items():
+            if not isinstance(part, TrainSlip):
+                continue
+            if self.vehicle.mode == "drive":
+                yield where, "kind = 'train' is for a braked vehicle; write another kind"
+            if self.rail.contamination is None:
+                yield (
+                    where,
+                    "kind = 'train' knows the layer from [rail.contamination]; add it, of which"
+                    " tau = 0 cleans nothing",
+                )
 
     def _pressed(self) -> Iterator[Fault]:
         """Pads whose friction is not known at the largest torque."""

@@ -1,0 +1,70 @@
+"""Slip reference of a train from what its file believes of the rail: curves, strength, caution."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slipctl import Block
+from slipctl.errors import Faults, nearest
+from slipctl.models.vehicle.parts import TrainSlip, Trip
+from slipctl.models.vehicle.plant import on_train
+from slipctl.models.vehicle.rail_laws import layer_law, numbers_of, rail_law
+from slipctl.models.vehicle.slip.train_slip import train_slip
+from slipctl.models.wheel_rail.sliding_train import SlidingTrain
+from slipctl.models.wheel_rail.train_caution import cautious_share
+
+
+def believed_curves(trip: Trip, part: TrainSlip) -> tuple[Block, Block]:
+    """Curves under the layer and without it, as the controllers believe them.
+
+    Raises:
+        Faults: no such condition, unknown parameters.
+    """
+    layer, rail = trip.rail.contamination, rail_law(trip)
+    assert layer is not None
+    name = part.condition or trip.rail.sections[0].condition
+    if name not in rail.conditions:
+        raise Faults([
+            f"condition: no section of the rail has the condition {name!r}"
+            f"{nearest(name, rail.conditions)}"
+        ])  # fmt: skip
+    fouled, clean = layer_law(trip, layer), on_train(rail.with_params(**rail.conditions[name]))
+    fouled = fouled.with_params(**numbers_of(fouled, part.layer, "layer"))
+    clean = clean.with_params(**numbers_of(clean, part.clean, "clean"))
+    return fouled, clean.with_conditions()
+
+
+def believed_train(trip: Trip, part: TrainSlip) -> SlidingTrain:
+    """Train and rail as the controllers believe them: the axles that are worked, alike."""
+    layer, vehicle = trip.rail.contamination, trip.vehicle
+    fouled, clean = believed_curves(trip, part)
+    assert layer is not None
+    at = [vehicle.behind[k] for k in vehicle.worked]
+    a, _, c = vehicle.resistance.of(vehicle.total)
+    load = vehicle.total * vehicle.gravity / vehicle.axles / 2
+    return SlidingTrain(
+        fouled, clean, tuple(x - at[0] for x in at), load=load,
+        tau=layer.tau if part.tau is None else part.tau, slip=part.slip,
+        most=trip.actuator.torque / trip.one_radius / (2 * load),
+        resistance=(a / vehicle.total, c / vehicle.total), gravity=vehicle.gravity,
+    )  # fmt: skip
+
+
+def train_reference(trip: Trip, part: TrainSlip) -> Block:
+    """Slip reference of the axles of a trip; ``behind`` is each axle's own.
+
+    Raises:
+        Faults: as :func:`believed_curves`.
+    """
+    train = believed_train(trip, part)
+    caution = part.caution
+    if caution is None:
+        caution = cautious_share(train, max(trip.vehicle.speed, 5.0), part.within)
+    return train_slip(train.fouled, train.clean).with_params(
+        strength=train.tau, load=train.load, slip=part.slip, least=part.least, caution=caution,
+    )  # fmt: skip
+
+
+def axles_behind(trip: Trip) -> np.ndarray:
+    """How many axles with an actuator follow each of them."""
+    return np.arange(len(trip.vehicle.worked) - 1.0, -1.0, -1.0)
