@@ -125,7 +125,9 @@ def rows(name: str) -> dict[tuple[str, str, str], list[str]]:
     return found
 
 
-NAMES = [s for s in resolve.studies() if s not in ("all_rails", "gain_bounds")] + [*VEHICLES]
+NAMES = [s for s in resolve.studies() if s not in ("all_rails", "gain_bounds", "leaf_fall")] + [
+    *VEHICLES
+]
 """The other two put together parts that these have."""
 
 
