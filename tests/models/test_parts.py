@@ -128,7 +128,7 @@ def rows(name: str) -> dict[tuple[str, str, str], list[str]]:
 NAMES = [s for s in resolve.studies() if s not in ("all_rails", "gain_bounds", "leaf_fall")] + [
     *VEHICLES
 ]
-"""The other two put together parts that these have."""
+"""The other three put together parts that these have."""
 
 
 @pytest.mark.parametrize("name", NAMES)
