@@ -12,6 +12,7 @@ import numpy as np
 
 from slipctl import Block, argmax_block, every, opened, probe, rls
 from slipctl.estimate.model import unknown_parameters
+from slipctl.models.common_form import T_S
 from slipctl.models.huang_2020.subway_braking import double_exponential
 from slipctl.models.ranges import fit_ranged, peak_ranged, probe_ranged
 
@@ -27,6 +28,7 @@ def search_parts(
     start: Mapping[str, float] | None = None,
     noise: float = 1e-2,
     ticks: int = TICKS,
+    tick: float = T_S,
 ) -> tuple[dict[str, Block], dict[str, str]]:
     """Make the parts ``estimator``, ``search``, ``probe`` and ``curve`` and the wires among them.
 
@@ -38,9 +40,11 @@ def search_parts(
         start: first guess of its parameters; None takes ``START``.
         noise: of the measured adhesion, as the fit is told.
         ticks: from one run to the next.
+        tick: its length in s.
     """
     begin = START if start is None else start
-    fit = rls(curve, form="window", start=begin).with_params(
+    period = ticks * tick
+    fit = rls(curve, form="window", start=begin, period=period).with_params(
         noise=noise, spread=0.5, gate=4.0, settling=1.0
     )
     far = 12 + float(np.abs(fit.start()["theta"]).max())
@@ -48,7 +52,9 @@ def search_parts(
     parts = {
         "estimator": every(fit_ranged(fit, curve, far=far), ticks),
         "search": every(peak_ranged(search), ticks),
-        "probe": every(probe_ranged(probe(curve, "v_s", within=(0.1, 6.0), depth=0.4)), ticks),
+        "probe": every(
+            probe_ranged(probe(curve, "v_s", within=(0.1, 6.0), depth=0.4, period=period)), ticks
+        ),
         "curve": opened(curve),
     }
     wires = {

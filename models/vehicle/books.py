@@ -38,6 +38,8 @@ def known_of_trip(trip: Trip) -> dict[str, Known]:
     """
     reads = tuple(f"plant.train.{n}" for n in ("E_kin", "P_drive", *TAKEN))
     found = {"books.error": Known("1", energy_error, "what the energy books lose", (), reads)}
+    if trip.mark is not None:
+        found["trip.mark"] = Known("m", trip.mark, "place that the first axle shall not pass")
     vehicle = trip.vehicle
     if trip.rail.contamination is None:
         return found

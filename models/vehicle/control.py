@@ -39,6 +39,9 @@ from slipctl.models.common_form import Wheel
 from slipctl.models.predictive.predictive_slip import predictive
 from slipctl.models.vehicle.adhesion import numbers_of
 from slipctl.models.vehicle.air.valve_control import (
+    gives_bits,
+    own_slide_protection,
+    refuse_misfits,
     slide_protection,
     torque_to_bits,
     valves_at_rest,
@@ -206,6 +209,20 @@ def _of_the_wheel(s: Signal, name: str) -> bool:
     return name not in UNITS or unit(s.unit).same(unit(UNITS[name]))
 
 
+def block_of_bits(trip: Trip, part: Controller) -> Block | None:
+    """Block of one's own that gives the bits of two valves; None where a controller is none.
+
+    Raises:
+        BadInput: no such block, an unknown number of it, one that does not fit the trip.
+    """
+    block = load_block(part.block) if isinstance(part, OwnLaw) else None
+    if block is None or not gives_bits(block):
+        return None
+    assert isinstance(part, OwnLaw)
+    refuse_misfits(trip, block)
+    return block.with_params(**numbers_of(block, part.gains, "gains"))
+
+
 def slip_law(trip: Trip, part: Controller, w: Wheel) -> tuple[Block, bool]:
     """Slip law of a controller, and whether it is gated inside (else it has to be outside).
 
@@ -311,6 +328,9 @@ def _controlled_axle(
     """Parts of one axle up to its command, a torque or the bits of its valves, and their wires."""
     if isinstance(part, SlideProtection):
         return slide_protection(trip, part, w)
+    bits = block_of_bits(trip, part)
+    if bits is not None:
+        return own_slide_protection(trip, bits, w)
     parts, wires = _axle(trip, part, w)
     parts["sample"], parts["safe"] = sample, safe_command(
         safe_output(trip), trip.vehicle.mode == "drive"
@@ -397,7 +417,11 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
     if isinstance(reference, Searched):
         curve, begin = law_and_guess(reference)
         found, given = _searched(
-            curve, tuple(begin.items()), reference.noise, ticks_of(WINDOW, trip)
+            curve,
+            tuple(begin.items()),
+            reference.noise,
+            ticks_of(WINDOW, trip),
+            trip.control.period,
         )
         inner = dict(given)
         peak = typical_slip(reference, trip.vehicle.speed)
@@ -432,10 +456,10 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
 
 @lru_cache(maxsize=8)
 def _searched(
-    curve: Block, begin: tuple[tuple[str, float], ...], noise: float, ticks: int
+    curve: Block, begin: tuple[tuple[str, float], ...], noise: float, ticks: int, tick: float
 ) -> tuple[Mapping[str, Block], Mapping[str, str]]:
     """Parts that find the best slip, and their wires; made once for all controllers of a trip."""
-    parts, wires = best_slip.search_parts(curve, dict(begin), noise, ticks)
+    parts, wires = best_slip.search_parts(curve, dict(begin), noise, ticks, tick)
     return parts | searched_ranges(parts, curve, dict(begin)), wires
 
 

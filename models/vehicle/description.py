@@ -96,7 +96,10 @@ def _faults_of_laws(trip: Trip) -> list[Fault]:
         if hasattr(part, "gains"):
             tried(
                 ("controllers", name),
-                lambda part=part: control.slip_law(trip, part, control.wheel(trip)),
+                lambda part=part: (
+                    control.block_of_bits(trip, part)
+                    or control.slip_law(trip, part, control.wheel(trip))
+                ),
             )
     return faults
 

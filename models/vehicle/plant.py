@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from casadi import fabs, fmax, fmin, if_else
+from casadi import fabs, fmax, fmin, if_else, logic_and
 
 from slipctl import (
     BadInput,
@@ -21,6 +21,7 @@ from slipctl import (
     Input,
     Output,
     Param,
+    State,
     connect,
     flip_sign,
     law,
@@ -28,6 +29,7 @@ from slipctl import (
     mirror,
     replicate,
     sampled,
+    step,
 )
 from slipctl.models.brakes import brake, brake_gain
 from slipctl.models.common_form import T_S
@@ -100,6 +102,24 @@ def with_gradient(
 ):
     """F_d = F_R + m g slope."""
     return F_R + m * g * slope
+
+
+@step(F_B=Output("N", "running resistance and magnets", positive="braking"))
+def track_brake(
+    t=State("s", 0.0, "time since the start", lo=0, hi=1e6),
+    F_R=Input("N", "running resistance"),
+    v=Input("m/s", "vehicle speed"),
+    attraction=Param("N", 1e5, "of all magnets to both rails", ADDED, lo=1, hi=1e7),
+    friction=Param("1", 0.2, "of a magnet on the rail, slow", ADDED, lo=1e-3, hi=1),
+    fall=Param("s/m", 0.03, "of that with the speed", ADDED, lo=0, hi=1),
+    delay=Param("s", 1.0, "from the start until they lie on the rails", ADDED, lo=0, hi=60),
+    above=Param("m/s", 20 / 3.6, "speed below which they are lifted", ADDED, lo=0.5, hi=50),
+    T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
+):  # fmt: skip
+    """F_B = F_R + friction/(1 + fall v) attraction, while they lie on the rails."""
+    lies = logic_and(t + 0.5 * T >= delay, v > above)
+    rubs = attraction * friction / (1 + fall * fabs(v))
+    return dict(t=t + T), dict(F_B=F_R + if_else(lies, rubs, 0))
 
 
 def valve_brake() -> Block:
@@ -258,6 +278,9 @@ def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None
         "T": torque,
         "omega": "train.omega_d" if driven else "train.omega",
     }
+    if vehicle.track_brake is not None:
+        parts["magnets"] = track_brake.with_params(**vars(vehicle.track_brake))
+        wires |= {"magnets.F_R": "res.F_R", "magnets.v": "train.v", "grade.F_R": "magnets.F_B"}
     if isinstance(part, Lag) and (part.power is not None or part.top is not None):
         parts["limit"] = replicate(motor_limit(part, vehicle.wheel_radius), many)
         speed, torque = wires["omega"], "limit.T_m"

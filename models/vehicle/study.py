@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 from slipctl.models.vehicle.certificate import axle_loops
@@ -10,17 +11,17 @@ from slipctl.models.vehicle.certificate.gains import gains, reasons_without_cert
 from slipctl.models.vehicle.contamination import patches_of_seed
 from slipctl.models.vehicle.parts import Air, Drawn, Trip, number_with_unit
 from slipctl.models.vehicle.parts.plausibility import unusual_numbers
-from slipctl.models.vehicle.trip import case
+from slipctl.models.vehicle.trip import CLEAN, case, clean_case
 from slipctl.run.roles import Signals
 from slipctl.run.sweep.ensemble import Ensemble
-from slipctl.study.declaration import Figure, Study
+from slipctl.study.declaration import Figure, Gains, Study
 
 SIGNALS = Signals(
     speed="plant.train.v", position="plant.train.x", slip="slip.y",
     reference="ctl.reference.v_best", best_slip="rail.best_slip",
     adhesion="plant.train.mu", best_adhesion="rail.best_adhesion", torque="plant.T",
     contact_power="plant.train.P_contact", wear_rate="contact.wear", flash="contact.flash",
-    energy_error="books.error",
+    energy_error="books.error", mark="trip.mark",
 )  # fmt: skip
 
 LOG = (
@@ -57,6 +58,16 @@ def _slip(results: Any) -> Any:
     return plots.traces(results, "base", signals=("slip", "torque", "position"), labels=named)
 
 
+def signals_of_trip(trip: Trip) -> Signals:
+    """Which signals of its logs play which role."""
+    more = {}
+    if isinstance(trip.actuator, Air):
+        more = {"air_used": "plant.air.used", "valve_changes": "plant.act.switched"}
+        if trip.actuator.reservoir is not None:
+            more["air_left"] = "plant.air.left"
+    return replace(SIGNALS, mirrored=trip.vehicle.mode == "drive", **more)
+
+
 def parts_without_effect(trip: Trip) -> Iterator[str]:
     """What of a trip has no effect on any run, a line each."""
     used = {s.condition for s in trip.rail.sections}
@@ -71,6 +82,11 @@ def parts_without_effect(trip: Trip) -> Iterator[str]:
     if isinstance(found, tuple) and found[1] == "s" and found[0] >= trip.duration:
         yield f"demand.until: {until} is not before the end of the run, {trip.duration:g} s"
 
+
+MAGNETS = (
+    "the vehicle has a track brake, and no certificate bounds what it does to the slip; leave out"
+    " [vehicle.track_brake]"
+)
 
 NO_LAYER = (
     "the rail is contaminated, and no certificate bounds an adhesion that wheels change; leave out"
@@ -98,14 +114,16 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         name: of its folder and files.
         source: where it is from, for the report.
     """
-    from dataclasses import replace
 
     def cases(models: Any, quick: bool) -> list[Any]:
         found = case(trip, "base")
         if quick:
             short = found.scenario.but(duration=min(found.scenario.duration, 0.5))
             found = replace(found, scenario=short)
-        return [replace(found, log=LOG)]
+        if trip.rail.contamination is None:
+            return [replace(found, log=LOG)]
+        found = replace(found, log=LOG, clean=CLEAN)
+        return [found, replace(clean_case(trip, found), clean="")]
 
     drawn = trip.ensemble
     ensembles = {} if drawn is None else {"base": _ensemble(trip, drawn)}
@@ -115,14 +133,21 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         f" {vehicle.total / 1e3:g} t on {vehicle.axles} axles, at the start at"
         f" {3.6 * vehicle.speed:.4g} km/h."
     )
-    asked, why = (*gains(trip), *axle_loops.gains(trip)), reasons(trip)
-    for unlike, said in ((isinstance(trip.actuator, Air), BITS),
-                         (trip.rail.contamination is not None, NO_LAYER)):  # fmt: skip
-        if unlike:
-            asked, why = (), dict.fromkeys(trip.controllers, said)
+    unlike = [
+        said for there, said in (
+            (trip.rail.contamination is not None, NO_LAYER),
+            (isinstance(trip.actuator, Air), BITS),
+            (trip.vehicle.track_brake is not None, MAGNETS),
+        ) if there
+    ]  # fmt: skip
+    if unlike:
+        asked: tuple[Gains, ...] = ()
+        why = dict.fromkeys(trip.controllers, unlike[0])
+    else:
+        asked, why = (*gains(trip), *axle_loops.gains(trip)), reasons(trip)
     return Study(
         name=name, title=trip.title, source=source, doc=doc, cases=cases,
-        signals=replace(SIGNALS, mirrored=vehicle.mode == "drive"),
+        signals=signals_of_trip(trip), plain=("base", CLEAN),
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
         ensembles=ensembles, gains=asked, uncertified=why,
         without_effect=(*parts_without_effect(trip), *unusual_numbers(trip)),

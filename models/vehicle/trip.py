@@ -67,6 +67,7 @@ from slipctl.models.vehicle.parts import (
     number_with_unit,
 )
 from slipctl.models.vehicle.plant import plant
+from slipctl.models.wheel_rail.rail_memory import EVERYWHERE
 from slipctl.run.results import Loops
 
 STOPPED, STANDS = 0.02, 0.5
@@ -396,6 +397,25 @@ def best_of_rail(trip: Trip) -> dict[str, Known]:
         return {"rail.best_adhesion": peak}
     place = Known("m/s", [a for a, _ in found], "best slip, as the rail has it", worked)
     return {"rail.best_slip": place, "rail.best_adhesion": peak}
+
+
+CLEAN = "clean"
+"""Scenario in which a contaminated rail is clean, which the extension of a stop is told by."""
+
+
+def clean_case(trip: Trip, contaminated: Case) -> Case:
+    """The same loops where the rail has no layer: their places are beyond every train.
+
+    Args:
+        trip: the trip. contaminated: its case, whose loops are taken as they are.
+    """
+    field = field_of_rail(trip)
+    assert field is not None  # only a contaminated rail has a clean one beside it
+    nowhere = np.full(field.params["start"].shape, EVERYWHERE)
+    old = contaminated.scenario
+    params = {**old.params, "plant.field.start": nowhere}
+    clean = old.but(name=CLEAN, params=params, doc=f"{trip.title}: without its layer")
+    return replace(contaminated, scenario=clean)
 
 
 def case(trip: Trip, name: str = "trip") -> Case:

@@ -2,7 +2,8 @@
 
 Which logged signal is the speed, the slip or the torque is said by ``slipctl.run.roles.Signals``.
 Of a signal with a value per axle, slip, torque and bounds take the worst axle, adhesion takes the
-mean. Metrics of sliding wheels are in ``slipctl.run.measures.slide_metrics``.
+mean. Metrics of sliding wheels are in ``slipctl.run.measures.slide_metrics``, those of air, of a
+mark and beside clean rail in ``brake_metrics``.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from slipctl.run.measures.brake_metrics import BRAKES
 from slipctl.run.measures.measured_run import LOCKED as LOCKED
 from slipctl.run.measures.measured_run import MOVING as MOVING
 from slipctl.run.measures.measured_run import STANDSTILL as STANDSTILL
@@ -236,10 +238,10 @@ def _step_time(run: Run) -> Metric | None:
     return None if t is None else Metric(float(t.max()), "s")
 
 
-METRICS |= SLIDES
+METRICS |= SLIDES | BRAKES
 
-AGAINST_IDEAL = tuple(name for name, d in METRICS.items() if d.bound)
-"""Metrics that need the loop ``ideal``."""
+AGAINST_OTHERS = tuple(name for name, d in METRICS.items() if d.bound)
+"""Metrics that need another run beside: the loop ``ideal``, or the same loop on clean rail."""
 
 
 def measure(run: Run, names: Sequence[str] = tuple(METRICS)) -> dict[str, Metric]:

@@ -134,6 +134,7 @@ class Case:
         known: further quantities for the log, ``{"rail.best_slip": Known("m/s", [1.2, 1.8])}``.
         log: names to keep in the logs, of those that a loop has; None keeps every scalar signal.
         every: ticks from one row of the logs to the next; metrics see the rows.
+        clean: scenario in which the same loops run on clean rail, for the metric ``extension``.
     """
 
     scenario: Scenario
@@ -141,6 +142,7 @@ class Case:
     known: Mapping[str, Known] = field(default_factory=dict)
     log: Sequence[str] | None = None
     every: int = 1
+    clean: str = ""
 
     def __post_init__(self) -> None:
         check_kinds("Case", Case, vars(self))

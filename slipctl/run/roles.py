@@ -38,6 +38,10 @@ class Signals:
         wear_rate: wear of a wheel of each axle by the way, in kg/m.
         flash: flash temperature of each contact.
         energy_error: what the energy books lose or gain, by the energy at the start.
+        air_used: free air in m^3 that the cylinders have taken so far.
+        air_left: gauge pressure of their reservoir in Pa.
+        valve_changes: changes of the valves of each axle so far.
+        mark: place that the vehicle may not pass, in m.
         mirrored: whether the slip is that of driven wheels seen as braked ones.
     """
 
@@ -60,6 +64,10 @@ class Signals:
     wear_rate: Names = None
     flash: Names = None
     energy_error: Names = None
+    air_used: Names = None
+    air_left: Names = None
+    valve_changes: Names = None
+    mark: Names = None
     mirrored: bool = False
 
     def __post_init__(self) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from slipctl.run import build
 from slipctl.run.metrics import (
-    AGAINST_IDEAL,
+    AGAINST_OTHERS,
     Metric,
     Run,
     in_order,
@@ -229,16 +229,19 @@ def _take(results: Results, case: Case, name: str, ran: _Ran) -> None:
 
 
 def _finish(results: Results, case: Case) -> None:
-    """Measure the loops of a case against its bound, ``ideal``, and put them in their order."""
+    """Measure the loops of a case against other runs, and put them in their order.
+
+    Such are its bound, ``ideal``, and the same loop on the clean rail that the case names.
+    """
     scenario = case.scenario.name
     if scenario not in results.data:
         return
     data, found = results.data[scenario], results.metrics[scenario]
-    ideal = found.get("ideal", {})
-    for name in found if "distance" in ideal else ():
+    ideal, clean = found.get("ideal", {}), results.metrics.get(case.clean, {})
+    for name in found if "distance" in ideal or clean else ():
         changes = [float(t) for t in data[name].attrs["rail_changes_s"]]
-        run_ = Run(data[name], results.study.signals, changes, ideal)
-        found[name] = in_order(found[name] | measure(run_, AGAINST_IDEAL))
+        run_ = Run(data[name], results.study.signals, changes, ideal, clean=clean.get(name, {}))
+        found[name] = in_order(found[name] | measure(run_, AGAINST_OTHERS))
     results.data[scenario] = _as_in(data, case.loops)
     results.metrics[scenario] = _as_in(found, case.loops)
 

@@ -31,7 +31,8 @@ PAGES = (
     "fmu.md", "all_rails.md", "laws.md", "sweeps.md", "tune.md", "replay.md", "own_vehicle.md",
     "own_law.md", "own_controller.md", "own_slide_protection.md", "start.md",
     "python_control.md", "own_figures.md",
-    "notebook.md", "gallery.md", "predictive.md", "theory.md", "trials.md", "own_proof.md",
+    "notebook.md", "gallery.md", "predictive.md", "leaf_fall.md", "theory.md",
+    "trials.md", "own_proof.md",
 )  # fmt: skip
 """Pages whose code is run, beside the tutorial."""
 
@@ -241,12 +242,12 @@ def test_public_names_stay_where_they_are():
     for name in bounds:
         assert importlib.util.find_spec(f"slipctl.certify.{name}")
     stems = ("subway_braking", "hst_braking", "hst_traction", "freight_traction", "all_rails",
-             "gain_bounds", "predictive")  # fmt: skip
+             "gain_bounds", "predictive", "leaf_fall")  # fmt: skip
     assert set(stems) <= set(resolve.studies())
     for stem in stems:
         module = importlib.import_module(f"slipctl.studies.{stem}")
         assert isinstance(module.study, slipctl.Study)
-        if stem not in ("all_rails", "gain_bounds", "predictive"):
+        if stem not in ("all_rails", "gain_bounds", "predictive", "leaf_fall"):
             assert importlib.util.find_spec(f"slipctl.models.{stem}")
     for bench in ("speed", "c_targets", "endurance", "fmus"):
         assert importlib.import_module(f"bench.{bench}").main

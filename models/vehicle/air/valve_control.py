@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from slipctl import Block, Input, Output, law
+from casadi import if_else
+
+from slipctl import BadInput, Block, Input, Output, law
+from slipctl.errors import nearest
 from slipctl.models.common_form import Wheel
 from slipctl.models.vehicle.air.pneumatics import brake_model, valve_bits
 from slipctl.models.vehicle.air.slide_protection import (
@@ -16,6 +19,7 @@ from slipctl.models.vehicle.air.slide_protection import (
     watchdog,
 )
 from slipctl.models.vehicle.parts import Air, SlideProtection, Trip
+from slipctl.models.vehicle.safe_output import contained_block
 from slipctl.models.vehicle.slip.takeover import slip_from_speeds
 
 Parts, Wires = dict[str, Block], dict[str, str]
@@ -69,6 +73,89 @@ def torque_to_bits(trip: Trip) -> tuple[Parts, Wires]:
     }  # fmt: skip
     wires |= {k: v if v not in ("hold", "vent") else f"valves.{v}" for k, v in MODEL_WIRES.items()}
     return {"model": model_of_brake(trip), "valves": bits}, wires
+
+
+@law(
+    hold=Output("1", "bit of the valve that shuts the supply off", lo=0, hi=1),
+    vent=Output("1", "bit of the valve that vents", lo=0, hi=1),
+    name="refill",
+)
+def whole_bits(
+    hold_by=Input("1", "bit of the valve that shuts the supply off, as it was given"),
+    vent_by=Input("1", "bit of the valve that vents, as it was given"),
+):
+    """Bits of what a block gives; what is no number is 0, the brake by the demand."""
+    return dict(hold=if_else(hold_by > 0.5, 1, 0), vent=if_else(vent_by > 0.5, 1, 0))
+
+
+@law(
+    state=Output("1", "0 fill, 1 hold, 2 vent", lo=0, hi=2), name="states",
+)  # fmt: skip
+def whole_state(state_by=Input("1", "state, as it was given: 0 fill, 1 hold, 2 vent")):
+    """State of what a block gives; what is no number is 0, the brake by the demand."""
+    return if_else(state_by > 1.5, 2, if_else(state_by > 0.5, 1, 0))
+
+
+SEEN = {
+    "v": "trust.v", "omega": "trust.omega", "v_s": "slip.v_s", "a_w": "rim.a_w",
+    "T": "trust.T_b", "T_b": "trust.T_b", "T_demand": "trust.demand",
+    "under_way": "model.under_way", "off": "gate.off",
+}  # fmt: skip
+"""What a block of one's own that gives bits may ask for, and where it is."""
+
+
+def gives_bits(block: Block) -> bool:
+    """Whether a block is a slide protection: it gives ``hold`` and ``vent``, or ``state``."""
+    gives = set(block.outputs)
+    return "T_wanted" not in gives and ({"hold", "vent"} <= gives or "state" in gives)
+
+
+def refuse_misfits(trip: Trip, block: Block) -> None:
+    """Refuse a block that gives bits and does not fit a trip.
+
+    Raises:
+        BadInput: no air brake, a flow, an input that slide protection has not.
+    """
+    if not isinstance(trip.actuator, Air):
+        raise BadInput(
+            f"{block.name} gives the bits of two valves; write kind = 'air' under [actuator]"
+        )
+    if block.kind == "flow":
+        raise BadInput(f"{block.name} is a flow; write it with a tick: sampled(it, 1e-3, 'euler')")
+    other = [n for n, s in block.inputs.items() if n not in SEEN and s.value is None]
+    if other:
+        raise BadInput(
+            f"{block.name}, which gives the bits of two valves, asks for {other[0]}"
+            f"{nearest(other[0], SEEN)}"
+        )
+
+
+def own_slide_protection(trip: Trip, block: Block, w: Wheel) -> tuple[Parts, Wires]:
+    """Parts of a slide protection of one's own for one axle, and their wires.
+
+    Gate, watchdog and model of the brake are those of :func:`slide_protection`; a block that gives
+    ``state`` has its refill as well. A block that breaks gives its axle the demand.
+
+    Args:
+        trip: the trip. block: gives the bits, see :func:`gives_bits`. w: the wheel.
+    """
+    parts, wires = slide_protection(trip, SlideProtection(), w)
+    del parts["machine"]
+    wires = {k: v for k, v in wires.items() if not k.startswith("machine.")}
+    parts["law"] = contained_block(block)
+    wires |= {f"law.{n}": SEEN[n] for n in block.inputs if n in SEEN}
+    if {"hold", "vent"} <= set(block.outputs):
+        parts["refill"] = whole_bits
+        wires = {k: v for k, v in wires.items() if not k.startswith("refill.")}
+        wires |= {"refill.hold_by": "law.hold", "refill.vent_by": "law.vent"}
+    else:
+        parts["states"] = whole_state
+        wires |= {"states.state_by": "law.state", "refill.state": "states.state"}
+    if "a_w" not in block.inputs:
+        del parts["rim"], wires["rim.omega"]
+    if not {"v_s"} & set(block.inputs):
+        del parts["slip"], wires["slip.v"], wires["slip.omega"]
+    return parts, wires
 
 
 def slide_protection(trip: Trip, part: SlideProtection, w: Wheel) -> tuple[Parts, Wires]:

@@ -49,4 +49,4 @@ from slipctl.models.vehicle.parts.sensors import (
     WheelsOnly,
 )
 from slipctl.models.vehicle.parts.trip import Assumed, Drawn, DrawnPatches, Limits, Trip
-from slipctl.models.vehicle.parts.vehicle import Car, Davis, Vehicle
+from slipctl.models.vehicle.parts.vehicle import Car, Davis, TrackBrake, Vehicle

@@ -332,7 +332,7 @@ class DemandAlone(Part):
 
 @dataclass(frozen=True, kw_only=True)
 class OwnLaw(Part):
-    """A slip law of one's own: a block from what it needs of v, v_s, v_best, F, D to T_wanted."""
+    """A law of one's own: a block from v, v_s, v_best, F, D to T_wanted, or to bits of valves."""
 
     kind: Literal["file"] = "file"
     block: str = text_field(MISSING, "my_law.py:block, or a model by name")

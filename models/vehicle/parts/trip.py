@@ -66,6 +66,12 @@ class Limits(Part):
         "K", None, "flash temperature of a contact above wheel and rail", lo=0
     )
     stop_jolt: float | None = number("m/s^2", None, "deceleration that ends at standstill", lo=0)
+    extension: float | None = number(
+        "1", None, "stopping distance over that on the clean rail, less 1", lo=0
+    )
+    overrun: float | None = number("m", None, "beyond the mark", lo=0)
+    air_used: float | None = number("l", None, "free air of all cylinders", lo=0)
+    valve_operations: int | None = number("1", None, "of the valves that move most", lo=0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,6 +166,10 @@ class Trip(Part):
     end: str = text_field(
         "", "what ends the run before its duration: 'standstill', or a position of the first axle"
     )
+    mark: float | None = number(
+        "m", None, "place that the first axle shall not pass: a signal, the end of a platform",
+        lo=0, hi=1e6,
+    )  # fmt: skip
     vehicle: Vehicle = text_field(MISSING, "the vehicle")
     actuator: Actuator = text_field(MISSING, "what drives or brakes each axle")
     rail: Track = text_field(MISSING, "the rail")
@@ -240,12 +250,7 @@ class Trip(Part):
                 yield f"sensors.faults.{k}.axle", f"is {fault.axle} of {worked} axles"
         yield from self._misplaced()
         yield from self._pressed()
-        for name in SLIDES:
-            if self.rail.contamination is None and getattr(self.limits, name, None) is not None:
-                yield (
-                    f"limits.{name}",
-                    "needs [rail.contamination], of which tau = 0 cleans nothing",
-                )
+        yield from self._unmeasured()
         yield from self._without_layer()
         for name, part in self.controllers.items():
             if isinstance(part, SlideProtection) and self.actuator.kind != "air":
@@ -258,6 +263,23 @@ class Trip(Part):
                 )
             if not name.isidentifier() or name == "ideal":
                 yield f"controllers.{name}", "write a name of letters, digits and _; not 'ideal'"
+
+    def _unmeasured(self) -> Iterator[Fault]:
+        """Limits of what no run of this trip tells."""
+        given = {name for name, limit in vars(self.limits).items() if limit is not None}
+        for name in (
+            sorted(given & {*SLIDES, "extension"}) if self.rail.contamination is None else ()
+        ):
+            yield (
+                f"limits.{name}",
+                "needs [rail.contamination], of which tau = 0 cleans nothing",
+            )
+        for name in (
+            sorted(given & {"air_used", "valve_operations"}) if self.actuator.kind != "air" else ()
+        ):
+            yield f"limits.{name}", "needs kind = 'air' under [actuator]"
+        if "overrun" in given and self.mark is None:
+            yield "limits.overrun", "needs the mark that is not to be passed; write mark = '900 m'"
 
     def _without_layer(self) -> Iterator[Fault]:
         """A slip by what axles clean, where none is braked or nothing is to be cleaned."""

@@ -55,7 +55,8 @@ class Definition:
         better: its better end, ``"low"`` or ``"high"``; empty where neither is.
         needs: roles without which it has no meaning.
         event: whether a run may fail to reach it; a number that is None was never reached.
-        bound: whether it needs the loop ``ideal`` beside it.
+        bound: whether it needs another run beside it: the loop ``ideal``, or the same loop on
+            clean rail.
     """
 
     compute: Callable[[Run], Metric | None]
@@ -81,6 +82,7 @@ class Run:
         changes: times in s at which the rail changes.
         ideal: metrics of the loop ``ideal`` in the same scenario.
         rails: name of the rail from the start and from each change on, see :func:`rail_names`.
+        clean: metrics of the same loop in the scenario that its case calls ``clean``.
     """
 
     log: xarray.Dataset
@@ -88,6 +90,7 @@ class Run:
     changes: Sequence[float] = ()
     ideal: Mapping[str, Metric] = field(default_factory=dict)
     rails: Sequence[str] = ()
+    clean: Mapping[str, Metric] = field(default_factory=dict)
 
     @cached_property
     def time(self) -> np.ndarray:

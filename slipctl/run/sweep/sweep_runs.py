@@ -20,7 +20,7 @@ from slipctl.errors import BadInput, RunFailed, check_whole, nearest
 from slipctl.run import interrupts, machine
 from slipctl.run.logs.run_log import Log, log_columns
 from slipctl.run.metrics import (
-    AGAINST_IDEAL,
+    AGAINST_OTHERS,
     METRICS,
     Run,
     measure,
@@ -40,8 +40,8 @@ from slipctl.run.sweep.sweep_store import Ended, Store
 if TYPE_CHECKING:
     from slipctl.run.sweep.ensemble import World
 
-MEASURED = tuple(n for n in METRICS if n not in AGAINST_IDEAL)
-"""Metrics of a run that is alone: the loop ``ideal`` does not run beside it."""
+MEASURED = tuple(n for n in METRICS if n not in AGAINST_OTHERS)
+"""Metrics of a run that is alone: no other loop runs beside it."""
 
 
 def sweep(

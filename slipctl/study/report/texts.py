@@ -256,9 +256,12 @@ MARK = " !"
 def values_beyond_limit(results: Results, scenario: str) -> dict[str, dict[str, list[int]]]:
     """By loop and metric, which of its values are above the study's limit; none at all is, too."""
     found: dict[str, dict[str, list[int]]] = {}
+    here = {name for metrics in results.metrics[scenario].values() for name in metrics}
     for loop, metrics in results.metrics[scenario].items():
         found[loop] = {}
         for name, limit in results.study.limits.items():
+            if METRICS[name].bound and name not in here:
+                continue  # this scenario has no other run to be measured against
             values = times(metrics[name].value, 1.0) if name in metrics else []
             above = [k for k, v in enumerate(values) if v is None or v > limit]
             if above or not values:

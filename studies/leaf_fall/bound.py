@@ -1,0 +1,87 @@
+"""The least distance that physics allows: slips held exactly, of every axle at each place.
+
+No controller of the study can brake by more than the demand, nor before the cylinders are full. So
+the bound begins where they are full, at the speed that the train has there. Its wheels have no
+inertia: in truth a brake has to stop them too, 4 % of the demand, so it is a little too short.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from slipctl.models.vehicle import Trip
+from slipctl.models.wheel_rail.falling_creep import falling_creep
+from slipctl.models.wheel_rail.sliding_train import SlidingTrain, Slips, Stop, stop
+from slipctl.models.wheel_rail.train_optimum import Rule, best_stop
+from slipctl.studies.leaf_fall.trains import AXLE, FORCE, LIMIT
+
+FULL = 0.999
+"""Share of the demanded torque from which on the cylinders count as full."""
+
+
+@dataclass(frozen=True)
+class Begin:
+    """Where the cylinders are full: place of the first axle in m, and speed in m/s."""
+
+    place: float
+    speed: float
+
+
+def full_brake(log: Any) -> Begin:
+    """Where the cylinders are full, in the log of a run."""
+    torque, demand = log["plant.T"].values.min(axis=1), log["demand.T_demand"].values
+    k = int(np.argmax(torque >= FULL * demand))
+    return Begin(float(log["plant.train.x"].values[k]), float(log["plant.train.v"].values[k]))
+
+
+def sliding_train(trip: Trip, begin: Begin, slip: float = LIMIT) -> SlidingTrain:
+    """The train of a trip as one whose slips are told, from where its brakes are full.
+
+    Args:
+        trip: the trip. begin: where that is. slip: largest slip ratio.
+    """
+    layer, vehicle = trip.rail.contamination, trip.vehicle
+    assert layer is not None  # every trip of the study has leaves
+    stretches = tuple((p.begin - begin.place, p.end - begin.place) for p in layer.places) or None
+    leaves = falling_creep.with_params(**falling_creep.conditions[layer.condition])
+    c0, _, c2 = vehicle.resistance.of(vehicle.total)
+    return SlidingTrain(
+        leaves, falling_creep, vehicle.behind, load=AXLE * vehicle.gravity / 2, tau=layer.tau,
+        layers=layer.layers, stretches=stretches, slip=slip,
+        most=FORCE / (AXLE * vehicle.gravity),
+        resistance=(c0 / vehicle.total, c2 / vehicle.total), gravity=vehicle.gravity,
+    )  # fmt: skip
+
+
+def common(train: SlidingTrain, slip: float) -> Slips:
+    """Rule of one slip for all axles, and of the peak where the rail is clean."""
+    peak = Rule(train, greedy=True)
+
+    def rule(x: float, v: float, W: np.ndarray, fouled: np.ndarray) -> np.ndarray:
+        return np.where(fouled, slip, peak(x, v, W, fouled))
+
+    return rule
+
+
+RULES: dict[str, Callable[[SlidingTrain], Slips]] = {
+    "best slip of each axle": lambda train: Rule(train, greedy=True),
+    "one slip of 15 %": lambda train: common(train, 0.15),
+    "one slip of 30 %": lambda train: common(train, 0.3),
+    "best of the train": lambda train: Rule(train),
+}
+"""Choices of slips, each a rule by place, speed and what an axle finds."""
+
+
+def stops(trip: Trip, begin: Begin, cell: float = 0.25) -> dict[str, Stop]:
+    """Stop of a train by each rule, from where its brakes are full."""
+    train = sliding_train(trip, begin)
+    return {n: stop(train, make(train), begin.speed, cell) for n, make in RULES.items()}
+
+
+def least_distance(trip: Trip, begin: Begin, mesh: float = 2.0) -> float:
+    """Least stopping distance in m over the slips of all axles at all places, from the start on."""
+    return begin.place + best_stop(sliding_train(trip, begin), begin.speed, mesh).distance

@@ -1,0 +1,141 @@
+"""What the study says, each statement judged by the run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from slipctl import Claim, Results
+from slipctl.studies.leaf_fall.experiments import REACH, REFERENCE
+from slipctl.studies.leaf_fall.trains import RIVALS
+
+OURS = "ours"
+
+ACTING = tuple(n for n in RIVALS if n != "none")
+"""Rivals that keep wheels from locking."""
+
+SCENARIOS = {"base": "weak", "medium": "medium"}
+"""Scenarios with leaves, and what the tables of the bound call them."""
+
+HARDENS = 720.0
+"""Temperature in C from which on steel hardens under a wheel; of memory, see practice and page."""
+
+
+def stops_of(r: Results, scenario: str, names: tuple[str, ...]) -> dict[str, float]:
+    """Stopping distances in m of loops."""
+    return {n: r.metric(scenario, n, "stopping_distance") for n in names}
+
+
+def in_order(scenario: str, *names: str) -> Callable[[Results], dict[str, float]]:
+    """Stopping distances of loops, for a claim about their order."""
+    return lambda r: stops_of(r, scenario, names)
+
+
+def worst(metric: str, *names: str) -> Callable[[Results], float]:
+    """Largest value of a metric over loops and both strengths of the cleaning."""
+    return lambda r: max(float(r.metric(s, n, metric) or 0.0) for s in SCENARIOS for n in names)
+
+
+def below_bound(r: Results) -> float:
+    """Largest share by which a loop stops before the bound, of those that keep its slip limit."""
+    least = r.table("bound", "least")
+    found = []
+    for scenario, cleaning in SCENARIOS.items():
+        bound = least.where("least distance", cleaning=cleaning)
+        found += [1 - x / bound for x in stops_of(r, scenario, ACTING).values()]
+    return max(found)
+
+
+def distance_left(scenario: str) -> Callable[[Results], float]:
+    """Share of the way from the tuned state machine to the bound that the best law leaves."""
+
+    def ours(r: Results) -> float:
+        bound = r.table("bound", "least").where("least distance", cleaning=SCENARIOS[scenario])
+        stops = stops_of(r, scenario, ACTING)
+        tuned = stops.pop("wsp_tuned")
+        return 100 * (min(stops.values()) - bound) / (tuned - bound)
+
+    return ours
+
+
+def held_exactly(cleaning: str) -> Callable[[Results], dict[str, float]]:
+    """Distances of slips that are held exactly."""
+
+    def ours(r: Results) -> dict[str, float]:
+        t = r.table("bound", "distances")
+        named = {"own": "best slip of each axle", "common": "one slip of 30 %",
+                 "train": "best of the train"}  # fmt: skip
+        return {k: t.where("stopping distance", cleaning=cleaning, slips=v)
+                for k, v in named.items()}  # fmt: skip
+
+    return ours
+
+
+def beside(cleaning: str, axles: int) -> Callable[[Results], float | None]:
+    """Distance of the state machine on leaves everywhere."""
+    return lambda r: r.table("reference").where("stopping distance", cleaning=cleaning, axles=axles)
+
+
+def least_share(r: Results) -> float:
+    """Least share of the draws in which a rival that acts stops within the limit, in percent."""
+    t = r.table("chance", "limits")
+    return min(t.where("within the limit", loop=n) for n in ACTING)
+
+
+def two_axles(r: Results) -> float:
+    """Largest share by which the best of the train beats each axle's best on two axles."""
+    t = r.table("sizes")
+    rows = [k for k, n in enumerate(t["axles"]) if n == 2]
+    own, best = t["best slip of each axle"], t["best of the train"]
+    return 100 * max(1 - best[k] / own[k] for k in rows)
+
+
+CLAIMS = (
+    Claim("cost_of_locking", OURS, "without protection wheels lock, and one contact at least is"
+          " hot enough to harden steel", "number", HARDENS - 20,
+          lambda r: min(r.metric(s, "none", "flash_temperature") for s in SCENARIOS), "K",
+          bound="at least", assumption="steel at 20 C hardens from 720 C on, a number of memory"),
+    Claim("no_lock", OURS, "no protection lets a wheel lock", "number", 0.0,
+          worst("longest_lock", *ACTING), "s", bound="at most"),
+    Claim("no_hardening", OURS, "hottest contact of any protection", "number", HARDENS - 20,
+          worst("flash_temperature", *ACTING), "K", bound="at most",
+          assumption="as for cost_of_locking"),
+    Claim("bound", OURS, "no protection beats the best of the train, share of the distance",
+          "number", 1e-4, below_bound, bound="at most"),
+    Claim("tuned", OURS, "the state machine stops shorter when it is tuned", "order",
+          "published > tuned",
+          lambda r: {"published": r.metric("base", "wsp", "stopping_distance"),
+                     "tuned": r.metric("base", "wsp_tuned", "stopping_distance")},
+          scenario="base"),
+    Claim("own_against_common", OURS, "slips held exactly, medium cleaning: each axle's own best"
+          " slip stops longest, one slip of 30 % is shorter, the best of the train shortest",
+          "order", "own > common > train", held_exactly("medium")),
+    Claim("own_against_common_weak", OURS, "slips held exactly, weak cleaning: one slip of 30 %"
+          " stops longest, each axle's own best slip is shorter, the best of the train shortest",
+          "order", "common > own > train", held_exactly("weak")),
+    Claim("found_against_common", OURS, "behind valves too, one slip of 30 % stops shorter than"
+          " the best slip that each axle finds for itself", "order", "best_slip > common_slip",
+          in_order("medium", "best_slip", "common_slip"), scenario="medium"),
+    Claim("left", OURS, "weak cleaning: what the best law leaves of the way from the tuned state"
+          " machine to the bound", "number", 100.0, distance_left("base"), "%", bound="at most",
+          scenario="base"),
+    Claim("left_medium", OURS, "medium cleaning: the same", "number", 100.0,
+          distance_left("medium"), "%", bound="at most", scenario="medium"),
+    Claim("air", OURS, "largest share of the reservoir's air that a stop takes", "number", 50.0,
+          lambda r: 100 * (8.0 - min(float(r.metric(s, n, "air_left"))
+                                     for s in SCENARIOS for n in RIVALS)) / 8.0, "%",
+          bound="at most", assumption="300 l at 8 bar for eight axles, no compressor"),
+    Claim("dry", OURS, "changes of the valves in a stop without leaves", "number", 0,
+          lambda r: max(r.metric("clean", n, "valve_operations") for n in RIVALS),
+          bound="at most", scenario="clean"),
+    Claim("energy", OURS, "what the energy books of vehicle and wheels lose", "number", 1e-9,
+          lambda r: max(r.table("energy")["lost"]), bound="at most"),
+    *(Claim(f"machine_{cleaning}_{axles}", "a simulation made apart from slipctl",
+            f"leaves everywhere, {axles} axles, {cleaning} cleaning: the state machine stops"
+            " where it does there", "number", told, beside(cleaning, axles), "m",
+            tolerance="3 %", tolerance_why="the two filter and refill differently")
+      for (cleaning, axles), told in REFERENCE.items()),
+    Claim("two_axles", OURS, "two axles have nothing to gain from each other: least distance"
+          " against each axle's own best", "number", 3.0, two_axles, "%", bound="at most"),
+    Claim("chance", OURS, f"leaves by chance: draws within {REACH:g} m, the worst of the"
+          " protections", "number", 50.0, least_share, "%", bound="at least"),
+)  # fmt: skip
