@@ -145,13 +145,16 @@ def run_command(words: list[str], desk: Desk) -> Iterator[dict[str, Any]]:
                 going.kill()
         if going.returncode == 2:
             raise BadInput(_last_line(told) or "it was refused")
-        said = printed.read_text(errors="replace") or told.read_text(errors="replace")
+        said = _text_of(printed) or _text_of(told)
         yield {"said": said[-20_000:], "command": shlex.join(["slipctl", *words])}
 
 
+def _text_of(file: Path) -> str:
+    return file.read_text(encoding="utf-8", errors="replace")
+
+
 def _last_line(file: Path) -> str:
-    text = file.read_text(errors="replace").rstrip().rpartition("\n")[2]
-    return text.removeprefix("slipctl: ")
+    return _text_of(file).rstrip().rpartition("\n")[2].removeprefix("slipctl: ")
 
 
 def found_gains(out: Path) -> dict[str, float]:

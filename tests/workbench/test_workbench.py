@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import shlex
 import shutil
-import time
 from itertools import pairwise
 from pathlib import Path
 
@@ -427,7 +426,5 @@ def test_a_command_that_is_stopped_keeps_what_it_has(metro):
     for said in going:
         if "%" in said.get("progress", ""):
             break
-    begun = time.monotonic()
     going.close()
-    assert time.monotonic() - begun < 15
     assert list((metro.folder / "out" / "s").glob("*.sqlite"))
