@@ -200,7 +200,9 @@ def brake_model(ticks: int) -> Block:
     size = max(ticks, 1)
 
     @step(
-        expected=Output("N m", "torque that the bits explain", positive="braking"),
+        expected=Output(
+            "N m", "torque that the bits explain", positive="braking", lo=0, hi="T_max"
+        ),
         name="model", choices={"ticks": ticks},
     )  # fmt: skip
     def model(
