@@ -8,6 +8,7 @@ from typing import Any, NoReturn
 
 from slipctl import __version__
 from slipctl.commands import examples
+from slipctl.commands.library import arguments as library
 from slipctl.errors import BadInput, nearest
 
 AS_JSON = "answer as JSON"
@@ -54,58 +55,6 @@ def parser() -> Parser:
 
 def _no_options(p: Parser) -> None:
     """A command without options."""
-
-
-def _list_options(p: Parser) -> None:
-    p.add_argument(
-        "word", metavar="TOPIC|WORD", nargs="?",
-        help="studies, models or kinds; or a word to look for in their names and meanings",
-    )  # fmt: skip
-    p.add_argument("--json", action="store_true", help=AS_JSON)
-
-
-def _show_options(p: Parser) -> None:
-    p.add_argument("name", metavar="NAME")
-    p.add_argument("--latex", action="store_true", help="equations as LaTeX")
-    p.add_argument("--graph", action="store_true", help="block diagram as DOT")
-    p.add_argument("--against", metavar="OTHER", help="show the differences from another NAME")
-    p.add_argument("--json", action="store_true", help=AS_JSON)
-
-
-def _new_options(p: Parser) -> None:
-    p.add_argument(
-        "kind", metavar="KIND", nargs="?",
-        help="metro: a metro car of 38 t that brakes into leaves; emu: eight axles with air brakes",
-    )  # fmt: skip
-    p.add_argument("file", metavar="FILE", nargs="?", help="file to write (default: KIND.toml)")
-    p.add_argument("--json", action="store_true", help=AS_JSON)
-    p.add_argument(
-        "--from", metavar="STUDY:LOOP[@SCENARIO]", dest="source",
-        help="write this loop of a study instead, with all of its numbers, to KIND or LOOP.toml",
-    )  # fmt: skip
-
-
-def _open_options(p: Parser) -> None:
-    p.add_argument(
-        "name", metavar="FILE.toml|STUDY[:LOOP]", nargs="?",
-        help="vehicle file or study to open (default: metro.toml, which is written if it does not"
-        " exist)",
-    )  # fmt: skip
-    p.add_argument(
-        "--port", metavar="N", type=int, help="port on this machine (default: a free one)"
-    )
-    p.add_argument("--no-browser", action="store_true", help="only print the address")
-    p.add_argument(
-        "--python", metavar="FILE.py", nargs="+", action="extend", default=[], dest="files",
-        help="Python files that the vehicle file may use; slipctl imports no others",
-    )  # fmt: skip
-    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
-
-
-def _copy_options(p: Parser) -> None:
-    p.add_argument("model", metavar="MODEL")
-    p.add_argument("file", metavar="FILE")
-    p.add_argument("--json", action="store_true", help=AS_JSON)
 
 
 def _run_options(p: Parser) -> None:
@@ -503,36 +452,26 @@ def _check_options(p: Parser) -> None:
     )  # fmt: skip
 
 
-def _docs_options(p: Parser) -> None:
-    p.add_argument("page", metavar="PAGE", nargs="?", default="index", help="glossary, sweeps, ...")
-    p.add_argument(
-        "--where", action="store_true", help="print the path of the page, and open nothing"
-    )
-    p.add_argument(
-        "--json", action="store_true", help="print the path of the page as JSON, and open nothing"
-    )
-
-
 COMMANDS: dict[str, tuple[str, Callable[[Parser], None]]] = {
-    "list": ("List studies, models, and the kinds of parts of a vehicle file.", _list_options),
-    "show": ("Show equations, signals, units, sources and Jacobian of NAME.", _show_options),
-    "new": ("Write a vehicle file, to be edited and run.", _new_options),
-    "open": ("Open the workbench: run, region of gains and C follow each edit.", _open_options),
+    "list": (
+        "List studies, models, and the kinds of parts of a vehicle file.",
+        library.list_options,
+    ),
+    "show": ("Show equations, signals, units, sources and Jacobian of NAME.", library.show_options),
+    "new": ("Write a vehicle file, to be edited and run.", library.new_options),
+    "open": (
+        "Open the workbench: run, region of gains and C follow each edit.",
+        library.open_options,
+    ),
     "schema": ("Print the JSON schema of the files that describe a vehicle.", _no_options),
-    "copy": ("Copy the source of a model to a file of your own, to edit it.", _copy_options),
+    "copy": ("Copy the source of a model to a file of your own, to edit it.", library.copy_options),
     "run": ("Run a study: metrics, claims, logs, figures and a report.", _run_options),
     "sweep": (
-        (
-            "Run a loop with many sets of numbers, on all cores; a sweep can be resumed"
-            " and extended."
-        ),
+        "Run a loop with many sets of numbers, on all cores; resume and extend the sweep.",
         _sweep_options,
     ),
     "tune": (
-        (
-            "Find gains on an ensemble: proof first, then simulation, then a judgement on"
-            " fresh draws."
-        ),
+        "Find gains on an ensemble: proof first, then simulation, then fresh draws.",
         _tune_options,
     ),
     "replay": ("Run an estimator or a controller over a recorded log.", _replay_options),
@@ -554,6 +493,6 @@ COMMANDS: dict[str, tuple[str, Callable[[Parser], None]]] = {
         ("Check a certificate by rational arithmetic alone, without the code that found it."),
         _check_options,
     ),
-    "docs": ("Open the pages of slipctl in a browser; they need no network.", _docs_options),
+    "docs": ("Open the pages of slipctl in a browser; they need no network.", library.docs_options),
 }
 """Commands in the order of the help, each with its line there and its options."""
