@@ -1,7 +1,7 @@
 """What the command line does for the page: report, tune, sweep and replay, told while they run.
 
 Each runs as a process of its own, as a person would run it in the folder, and goes on if the page
-is closed: it writes into its folder below ``out/``, and the same line takes up what is there.
+is closed. It writes into its folder below ``out/``, and the same line takes up what is there.
 """
 
 from __future__ import annotations

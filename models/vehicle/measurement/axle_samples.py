@@ -41,7 +41,7 @@ TEST = 0.7
 """Seconds that this may take."""
 
 RUNS_UP = 2.0
-"""Acceleration of a rim in m/s^2 by which an axle that is let go runs up: a rail of 0.01 gives it."""
+"""Acceleration of a rim in m/s^2 by which an axle that is let go runs up, as on a rail of 0.01."""
 
 AGAIN = 60.0
 """Seconds for which an axle that ran up is not asked again: on leaves leading axles slide alone."""
