@@ -9,9 +9,8 @@ from typing import Any, NoReturn
 from slipctl import __version__
 from slipctl.commands import examples
 from slipctl.commands.library import arguments as library
+from slipctl.commands.library.arguments import AS_JSON
 from slipctl.errors import BadInput, nearest
-
-AS_JSON = "answer as JSON"
 
 
 class Parser(argparse.ArgumentParser):
@@ -55,6 +54,26 @@ def parser() -> Parser:
 
 def _no_options(p: Parser) -> None:
     """A command without options."""
+
+
+def _add_changes(p: Parser) -> None:
+    """Options of many runs that change each of them."""
+    p.add_argument(
+        "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
+        dest="settings", help="set a parameter or start value in every run",
+    )  # fmt: skip
+    p.add_argument(
+        "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
+        help="replace a model of the study",
+    )  # fmt: skip
+
+
+def _add_effort(p: Parser) -> None:
+    """Options of many runs that say what may compute them."""
+    p.add_argument(
+        "--jobs", metavar="N", type=int, help="number of parallel runs (default: all cores)"
+    )
+    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
 
 
 def _run_options(p: Parser) -> None:
@@ -127,22 +146,12 @@ def _sweep_options(p: Parser) -> None:
         help="also use machines with another processor or mathematics library",
     )  # fmt: skip
     p.add_argument("--json", action="store_true", help=AS_JSON)
-    p.add_argument(
-        "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
-        dest="settings", help="set a parameter or start value in every run",
-    )  # fmt: skip
-    p.add_argument(
-        "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
-        help="replace a model of the study",
-    )  # fmt: skip
+    _add_changes(p)
     p.add_argument(
         "--log", metavar="SIGNAL", nargs="+", action="extend", default=[], dest="logs",
         help="store these signals over time, for every run",
     )  # fmt: skip
-    p.add_argument(
-        "--jobs", metavar="N", type=int, help="number of parallel runs (default: all cores)"
-    )
-    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+    _add_effort(p)
 
 
 def _tune_options(p: Parser) -> None:
@@ -187,18 +196,8 @@ def _tune_options(p: Parser) -> None:
     )  # fmt: skip
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
     p.add_argument("--json", action="store_true", help=AS_JSON)
-    p.add_argument(
-        "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
-        dest="settings", help="set a parameter or start value in every run",
-    )  # fmt: skip
-    p.add_argument(
-        "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
-        help="replace a model of the study",
-    )  # fmt: skip
-    p.add_argument(
-        "--jobs", metavar="N", type=int, help="number of parallel runs (default: all cores)"
-    )
-    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+    _add_changes(p)
+    _add_effort(p)
 
 
 def _replay_options(p: Parser) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from argparse import ArgumentParser
 
+AS_JSON = "answer as JSON"
+
 
 def list_options(p: ArgumentParser) -> None:
     """Declare the options of ``slipctl list``."""
@@ -11,7 +13,7 @@ def list_options(p: ArgumentParser) -> None:
         "word", metavar="TOPIC|WORD", nargs="?",
         help="studies, models or kinds; or a word to look for in their names and meanings",
     )  # fmt: skip
-    p.add_argument("--json", action="store_true", help="answer as JSON")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
 
 
 def show_options(p: ArgumentParser) -> None:
@@ -20,7 +22,7 @@ def show_options(p: ArgumentParser) -> None:
     p.add_argument("--latex", action="store_true", help="equations as LaTeX")
     p.add_argument("--graph", action="store_true", help="block diagram as DOT")
     p.add_argument("--against", metavar="OTHER", help="show the differences from another NAME")
-    p.add_argument("--json", action="store_true", help="answer as JSON")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
 
 
 def new_options(p: ArgumentParser) -> None:
@@ -30,7 +32,7 @@ def new_options(p: ArgumentParser) -> None:
         help="metro: a metro car of 38 t that brakes into leaves; emu: eight axles with air brakes",
     )  # fmt: skip
     p.add_argument("file", metavar="FILE", nargs="?", help="file to write (default: KIND.toml)")
-    p.add_argument("--json", action="store_true", help="answer as JSON")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument(
         "--from", metavar="STUDY:LOOP[@SCENARIO]", dest="source",
         help="write this loop of a study instead, with all of its numbers, to KIND or LOOP.toml",
@@ -59,7 +61,7 @@ def copy_options(p: ArgumentParser) -> None:
     """Declare the options of ``slipctl copy``."""
     p.add_argument("model", metavar="MODEL")
     p.add_argument("file", metavar="FILE")
-    p.add_argument("--json", action="store_true", help="answer as JSON")
+    p.add_argument("--json", action="store_true", help=AS_JSON)
 
 
 def docs_options(p: ArgumentParser) -> None:
