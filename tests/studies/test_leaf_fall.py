@@ -129,7 +129,7 @@ def test_its_cases_run_and_are_measured_beside_the_clean_rail():
 
 
 def test_the_rail_behind_the_train_carries_what_its_heat_has_cleaned():
-    """Its peak is that of the law between the layer's curve and the clean one, by 1 - exp(-tau W)."""
+    """Peak of the law between the layer's curve and the clean one, by the share 1 - exp(-tau W)."""
     heat = np.array([0.0, 2e4, 1e9])  # J/m that the axles before the last have given
 
     def of_axles(last):
