@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
 from casadi import fabs, fmax, fmin
 
 from slipctl import (
@@ -60,6 +61,7 @@ from slipctl.models.vehicle.parts import (
     SlideProtection,
     SlipControl,
     SlipLaw,
+    SlipRatio,
     SlipSpeed,
     TrainSlip,
     Trip,
@@ -89,7 +91,18 @@ from slipctl.models.vehicle.slip.train_reference import axles_behind, train_refe
 from slipctl.study.resolve import load_block
 
 BEHIND = "reference.behind"
-"""How many axles follow, of which each axle has its own; see models/vehicle/slip/train_slip.py."""
+"""How many axles follow; see models/vehicle/slip/train_slip.py."""
+
+
+def numbers_of_each_axle(trip: Trip, part: Controller) -> dict[str, np.ndarray]:
+    """Numbers of a controller of which each axle has its own, by name."""
+    reference = getattr(part, "reference", None) or trip.reference
+    if isinstance(reference, TrainSlip):
+        return {BEHIND: axles_behind(trip)}
+    if isinstance(reference, SlipRatio) and len(reference.each) > 1:
+        return {"reference.slip": np.array(reference.each)}
+    return {}
+
 
 WINDOW = 0.016
 """Time in s over which the adhesion is measured, and from one search for the best slip on."""
@@ -131,7 +144,7 @@ def typical_slip(reference: Reference, speed: float) -> float:
         return reference.slip
     if isinstance(reference, TrainSlip):
         return max(reference.slip / 2 * max(speed, 1.0), reference.least)
-    return max(reference.slip * max(speed, 1.0), reference.least)
+    return reference.at(max(speed, 1.0))
 
 
 def law_and_guess(part: Searched) -> tuple[Block, dict[str, float]]:
@@ -175,7 +188,8 @@ def fixed_reference(part: Reference) -> Block:
             return fmin(slip, fmax(fabs(v), 0.01))
 
         return speed
-    share, bottom = part.slip, part.least  # type: ignore[union-attr]
+    assert isinstance(part, SlipRatio)
+    share, bottom = part.each[0], part.least  # each axle gets its own, see vehicle_control
 
     @law(
         v_best=Output("m/s", "slip to go to", positive="braking", per="speed"),
@@ -292,9 +306,10 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     _let_go(trip, parts, wires)
     one = ("trust.v", "trust.demand", "trust.retry")
     common = {k for k, source in wires.items() if source in one} | {"fall.a_R", "probe.limit"}
+    each = numbers_of_each_axle(trip, part)
     copies = {
         name: replicate(block, axles, [n for n in block.inputs if f"{name}.{n}" in common],
-                        [n for n in block.params if f"{name}.{n}" == BEHIND])
+                        [n for n in block.params if f"{name}.{n}" in each])
         for name, block in parts.items()
     }  # fmt: skip
     judge = trust(axles, driven, **of_inputs(trip, w))
@@ -307,8 +322,7 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
         )
     block = with_control_ranges(connect("ctl", wires, trust=judge, **copies), trip, w)
     own: dict[str, Any] = dict(_numbers(block, w))
-    if BEHIND in block.params:
-        own[BEHIND] = axles_behind(trip)
+    own |= {n: value for n, value in each.items() if n in block.params}
     if isinstance(trip.actuator, Air):  # the bits explain the torque, so its model has no lag
         own |= {"trust.tau": TICK, "trust.other": 0.15}
     return at_period(block.with_params(**own), trip)

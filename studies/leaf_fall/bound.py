@@ -7,17 +7,18 @@ inertia: in truth a brake has to stop them too, 4 % of the demand, so it is a li
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from slipctl.models.vehicle import Trip
 from slipctl.models.wheel_rail.falling_creep import falling_creep
 from slipctl.models.wheel_rail.sliding_train import SlidingTrain, Slips, Stop, stop
-from slipctl.models.wheel_rail.train_optimum import Rule, best_stop
-from slipctl.studies.leaf_fall.trains import AXLE, FORCE, LIMIT
+from slipctl.models.wheel_rail.train_optimum import LocalRule, Rule, best_stop
+from slipctl.studies.leaf_fall.trains import AXLE, FORCE, HALF, LADDER, LIMIT, SPEED
 
 FULL = 0.999
 """Share of the demanded torque from which on the cylinders count as full."""
@@ -57,29 +58,53 @@ def sliding_train(trip: Trip, begin: Begin, slip: float = LIMIT) -> SlidingTrain
     )  # fmt: skip
 
 
-def common(train: SlidingTrain, slip: float) -> Slips:
-    """Rule of one slip for all axles, and of the peak where the rail is clean."""
+def on_leaves(train: SlidingTrain, slips: Slips) -> Slips:
+    """Rule that holds on leaves alone; where the rail is clean each axle is at its peak."""
     peak = Rule(train, greedy=True)
 
     def rule(x: float, v: float, W: np.ndarray, fouled: np.ndarray) -> np.ndarray:
-        return np.where(fouled, slip, peak(x, v, W, fouled))
+        return np.where(fouled, slips(x, v, W, fouled), peak(x, v, W, fouled))
 
     return rule
+
+
+def common(train: SlidingTrain, slip: float | tuple[float, ...]) -> Slips:
+    """Rule of one slip for all axles or of one for each."""
+    given = np.asarray(slip)
+    return on_leaves(train, lambda x, v, W, fouled: given)
 
 
 RULES: dict[str, Callable[[SlidingTrain], Slips]] = {
     "best slip of each axle": lambda train: Rule(train, greedy=True),
     "one slip of 15 %": lambda train: common(train, 0.15),
-    "one slip of 30 %": lambda train: common(train, 0.3),
+    "one slip of 30 %": lambda train: common(train, LIMIT),
+    "first half at the limit": lambda train: common(train, HALF),
+    "ladder": lambda train: common(train, LADDER),
+    "law of each axle": lambda train: on_leaves(train, LocalRule(train, fastest=SPEED + 1)),
     "best of the train": lambda train: Rule(train),
 }
 """Choices of slips, each a rule by place, speed and what an axle finds."""
 
+ENDS = ("best slip of each axle", "best of the train")
+"""Rules between which a choice lies that is any good."""
 
-def stops(trip: Trip, begin: Begin, cell: float = 0.25) -> dict[str, Stop]:
-    """Stop of a train by each rule, from where its brakes are full."""
+
+def stops(
+    trip: Trip, begin: Begin, cell: float = 0.25, rules: Sequence[str] = tuple(RULES)
+) -> dict[str, Stop]:  # fmt: skip
+    """Stop of a train by some rules, from where its brakes are full."""
     train = sliding_train(trip, begin)
-    return {n: stop(train, make(train), begin.speed, cell) for n, make in RULES.items()}
+    return {n: stop(train, RULES[n](train), begin.speed, cell) for n in rules}
+
+
+def best_common_slip(trip: Trip, begin: Begin, cell: float = 2.0) -> float:
+    """The one slip for all axles with which the train stops shortest."""
+    train = sliding_train(trip, begin)
+    found = minimize_scalar(
+        lambda slip: stop(train, common(train, float(slip)), begin.speed, cell).distance,
+        bounds=(0.01, LIMIT), method="bounded", options={"xatol": 0.005},
+    )  # fmt: skip
+    return float(found.x)
 
 
 def least_distance(trip: Trip, begin: Begin, mesh: float = 2.0) -> float:

@@ -3,77 +3,59 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache
 from typing import Any
 
 import numpy as np
 
-from slipctl import Block, Context, Experiment, Scenario, Table, simulate
+from slipctl import Context, Experiment, Table, simulate
 from slipctl.models.vehicle import SlideProtection, Trip, case
-from slipctl.models.vehicle.books import TAKEN, energy_error, known_of_trip
+from slipctl.models.vehicle.books import TAKEN, energy_error
 from slipctl.models.vehicle.contamination import patches_of_seed
-from slipctl.run.measures.measured_run import Run
-from slipctl.run.metrics import measure
+from slipctl.models.wheel_rail.sliding_train import stop
 from slipctl.run.sweep.spread import share_interval
-from slipctl.studies.leaf_fall.bound import RULES, Begin, full_brake, least_distance, stops
-from slipctl.studies.leaf_fall.loops import SIGNALS
-from slipctl.studies.leaf_fall.trains import MEDIUM, RIVALS, SPEED, WEAK, trip
+from slipctl.studies.leaf_fall.bound import (
+    ENDS,
+    RULES,
+    Begin,
+    best_common_slip,
+    common,
+    least_distance,
+    sliding_train,
+    stops,
+)
+from slipctl.studies.leaf_fall.errors import errors, nothing
+from slipctl.studies.leaf_fall.outcomes import STRENGTHS, begin_of, outcome
+from slipctl.studies.leaf_fall.trains import DRAWN, RIVALS, SPEED, trip
 
-STRENGTHS = {"weak": WEAK, "medium": MEDIUM}
-"""Strengths of the cleaning in m/J by name."""
-
-SIZES = (2, 4, 8, 12, 16)
+SIZES = (2, 4, 8, 16)
 """Numbers of axles."""
 
-LENGTHS = {"100 m": ((60.0, 160.0),), "300 m": ((60.0, 360.0),), "everywhere": ()}
+LENGTHS = {"300 m": ((60.0, 360.0),), "everywhere": ()}
 """Places of leaves by their length; none named is everywhere."""
 
-SHORT = ("none", "wsp", "wsp_tuned", "pi", "common_slip")
+SHORT = ("none", "wsp", "wsp_tuned", "common_slip", "own_slip", "train")
 """Rivals of the trains of other sizes: the others stop within metres of one of them."""
 
-DRAWS, FIRST = 40, 1001
+DRAWS, FIRST = 12, 1001
 """Draws of leaves by chance, and the first one's number; ``tune`` has others."""
 
 REACH = 500.0
 """Stopping distance in m that leaves by chance may not exceed: a limit of ours, as an example."""
-
-WANTED = ("stopping_distance", "longest_lock", "flash_temperature", "air_used", "valve_operations")
-"""Metrics of a run in the experiments."""
-
-LOGGED = ("plant.train.x", "plant.train.v", "plant.train.omega", "slip.y",
-          "plant.train.P_contact", "plant.air.used", "plant.act.switched")  # fmt: skip
-"""Signals that these metrics need."""
-
-
-@cache
-def begin_of(axles: int) -> Begin:
-    """Where the cylinders of a train are full: alike for all controllers, and before all leaves."""
-    found = case(trip(axles, patches=((100.0, 200.0),), rivals={"none": RIVALS["none"]}))
-    kept = ["plant.T", "demand.T_demand", "plant.train.x", "plant.train.v"]
-    scenario = found.scenario.but(duration=4.0, end=None)
-    return full_brake(simulate(found.loops["none"], scenario, log=kept))
-
-
-def outcome(
-    made: Trip, loop: Block, scenario: Scenario, compile: bool
-) -> dict[str, float | None]:  # fmt: skip
-    """Numbers of one run, by the names of :data:`WANTED`."""
-    log = simulate(loop, scenario, compile=compile, log=list(LOGGED))
-    flash: Any = known_of_trip(made)["contact.flash"].values
-    log = log.assign({"contact.flash": (("time", "axle"), flash(log), {"units": "K"})})
-    return {n: m.value for n, m in measure(Run(log, SIGNALS), WANTED).items()}  # type: ignore[misc]
 
 
 def bound(context: Context) -> dict[str, Table]:
     """Stops of slips that are held exactly, of each axle's best and of the best of the train."""
     rows: dict[str, list[Any]] = {k: [] for k in ("cleaning", "rule", "distance", "t_gamma")}
     slips: dict[str, list[Any]] = {k: [] for k in ("cleaning", "axle", *RULES)}
-    least, begin = [], begin_of(8)
+    least, ratios, begin = [], [], begin_of(8)
     cell = 2.0 if context.quick else 0.25
     for k, (name, tau) in enumerate(STRENGTHS.items()):
         made = trip(tau=tau)
         found = stops(made, begin, cell)
-        for rule, run in found.items():
+        ratios.append(best_common_slip(made, begin))
+        train = sliding_train(made, begin)
+        alike = stop(train, common(train, ratios[-1]), begin.speed, cell)
+        for rule, run in {**found, "best slip for all": alike}.items():
             left = made.vehicle.gravity * 6e3 * run.f * run.e  # of a wheel of 6 t, by the metre
             row = (name, rule, begin.place + run.distance, float(left.max()))
             for key, value in zip(rows, row, strict=True):
@@ -99,7 +81,11 @@ def bound(context: Context) -> dict[str, Table]:
         ),
         "least": Table(
             "Least stopping distance over the slips of all axles at all places",
-            {"cleaning": ("", list(STRENGTHS)), "least distance": ("m", least)},
+            {
+                "cleaning": ("", list(STRENGTHS)),
+                "least distance": ("m", least),
+                "best slip for all axles": ("%", [100 * r for r in ratios]),
+            },
             "Slip of at most 30 %; a nonlinear program over all axles and cells.",
         ),
         "slips": Table(
@@ -148,7 +134,8 @@ def sizes(context: Context) -> Table:
         ran = {n: outcome(made, found.loops[n], found.scenario, context.compile) for n in SHORT}
         # leaves under the train at its start are cleaned before the cylinders are full
         begin = begin_of(axles) if LENGTHS[length] else Begin(0.0, SPEED)
-        ways = {n: begin.place + s.distance for n, s in stops(made, begin, 0.5).items()}
+        ways = {n: begin.place + s.distance
+                for n, s in stops(made, begin, 0.5, ENDS).items()}  # fmt: skip
         return {"runs": ran, "ways": ways}
 
     done = context.each("sizes", grid, work)
@@ -158,7 +145,7 @@ def sizes(context: Context) -> Table:
     }  # fmt: skip
     for name in SHORT:
         columns[name] = ("m", [d["runs"][name]["stopping_distance"] for d in done])
-    for rule in ("best slip of each axle", "best of the train"):
+    for rule in ENDS:
         columns[rule] = ("m", [d["ways"][rule] for d in done])
     columns["flash of none"] = ("K", [d["runs"]["none"]["flash_temperature"] for d in done])
     columns["flash of common_slip"] = (
@@ -228,7 +215,7 @@ def reference(context: Context) -> Table:
 
 def chance(context: Context) -> dict[str, Table]:
     """Every rival on the same draws of leaves: places, lengths, adhesion, noise."""
-    made = trip()
+    made = trip(rivals=DRAWN)
     many = 2 if context.quick else DRAWS
     found, draw = case(made), patches_of_seed(made)
     assert draw is not None  # the trip has an ensemble
@@ -251,7 +238,7 @@ def draws_table(seeds: list[int], done: Sequence[Mapping[str, Any]]) -> Table:
     columns: dict[str, tuple[str, list[Any]]] = {"seed": ("1", seeds)}
     for what, metric, unit in (("", "stopping_distance", "m"), ("flash of ", "flash_temperature",
                                "K"), ("air of ", "air_used", "l")):  # fmt: skip
-        for name in RIVALS:
+        for name in done[0]:
             columns[f"{what}{name}"] = (unit, [d[name].get(metric) for d in done])
     return Table("Leaves by chance, draw by draw", columns, "The same draws for every rival.")
 
@@ -261,7 +248,7 @@ def limits_table(done: Sequence[Mapping[str, Any]]) -> Table:
     rows: dict[str, list[Any]] = {
         k: [] for k in ("loop", "mean", "worst", "within", "low", "high", "locked", "flash", "air")
     }
-    for name in RIVALS:
+    for name in done[0]:
         runs = [d[name] for d in done]
         ways = [np.inf if r["stopping_distance"] is None else r["stopping_distance"] for r in runs]
         within = sum(w <= REACH for w in ways)
@@ -295,5 +282,7 @@ EXPERIMENTS = {
     "bound": Experiment("Bound", bound, "What is the least distance, and what slips does it take?"),
     "sizes": Experiment("Sizes", sizes, "What do the length of the train and of the leaves do?"),
     "reference": Experiment("Reference", reference, "Is it what another simulation finds?"),
+    "errors": Experiment("Errors", errors, "What does it cost to know less?"),
+    "nothing": Experiment("No gain", nothing, "Where does it gain nothing?"),
     "chance": Experiment("Leaves by chance", chance, "How are the stops spread?"),
 }

@@ -11,13 +11,16 @@ from slipctl import Figure, Results
 from slipctl.analysis.rail_peaks import Peaks
 from slipctl.draw import plots
 from slipctl.models.vehicle.adhesion import contaminated_law, rail_law
-from slipctl.studies.leaf_fall.bound import RULES
+from slipctl.studies.leaf_fall.bound import RULES, Begin
 from slipctl.studies.leaf_fall.claims import HARDENS, SCENARIOS
-from slipctl.studies.leaf_fall.experiments import REACH, SIZES, STRENGTHS
-from slipctl.studies.leaf_fall.trains import PATCH, RADIUS, RIVALS, SPEED, trip
+from slipctl.studies.leaf_fall.experiments import REACH, SIZES, STRENGTHS, in_leaves
+from slipctl.studies.leaf_fall.trains import DRAWN, PATCH, RADIUS, RIVALS, SPEED, trip
 
 SHOWN = ("none", "wsp_tuned", "super_twisting", "common_slip")
 """Loops of which each axle is drawn."""
+
+BEFORE_AND_AFTER = ("wsp_tuned", "own_slip", "train")
+"""Loops whose slip along the train is drawn: before, and after."""
 
 CLEANINGS = {"base": "weak cleaning", "medium": "medium cleaning"}
 
@@ -112,11 +115,32 @@ def slips(r: Results) -> Any:
     return fig
 
 
+def slips_behind_valves(r: Results) -> Any:
+    """Mean slip of each axle in the leaves as it ran: before and after, and the best of all."""
+    fig, axes = plots.panels(1, 2, height=2.8, sharey=True)
+    t = r.table("bound", "slips")
+    for axis, (scenario, title) in zip(axes[0], CLEANINGS.items(), strict=True):
+        curves: dict[str, tuple[Any, Any]] = {}
+        for name in BEFORE_AND_AFTER:
+            log = r.log(scenario, name)
+            v = np.maximum(log["plant.train.v"].values, 0.5)[:, None]
+            x = log["plant.train.x"].values
+            means = in_leaves(log["slip.y"].values / v, x, trip(), Begin(0.0, SPEED))
+            curves[name] = (range(1, len(means) + 1), means)
+        rows = [k for k, c in enumerate(t["cleaning"]) if c == SCENARIOS[scenario]]
+        curves["best of the train, held exactly"] = (
+            [t["axle"][k] for k in rows], [t["best of the train"][k] for k in rows]
+        )  # fmt: skip
+        plots.lines(curves, ("axle", "1"), ("slip in the leaves", "%"), axis=axis, points=True,
+                    title=title, legend=axis is axes[0, 0])  # fmt: skip
+    return fig
+
+
 def chance(r: Results) -> Any:
     """Distance of every draw beside the limit, and the hottest contact of each."""
     t = r.table("chance", "draws")
     fig, axes = plots.panels(2, 1, height=2.4)
-    plots.spread({n: t[n] for n in RIVALS}, ("stopping distance", "m"), axis=axes[0, 0],
+    plots.spread({n: t[n] for n in DRAWN}, ("stopping distance", "m"), axis=axes[0, 0],
                  limit=("limit", REACH))  # fmt: skip
     plots.spread({n: t[f"flash of {n}"] for n in RIVALS}, ("hottest contact", "K"),
                  axis=axes[1, 0], log=True, limit=("steel hardens", HARDENS - 20))  # fmt: skip
@@ -126,7 +150,7 @@ def chance(r: Results) -> Any:
 def sizes(r: Results) -> Any:
     """Stopping distance over the number of axles, leaves everywhere."""
     t = r.table("sizes")
-    names = ("wsp", "wsp_tuned", "common_slip", "best of the train")
+    names = ("wsp_tuned", "common_slip", "own_slip", "train", "best of the train")
     fig, axes = plots.panels(1, 2, height=2.8, sharey=True)
     for axis, cleaning in zip(axes[0], dict.fromkeys(t["cleaning"]), strict=True):
         rows = [k for k, (c, where) in enumerate(zip(t["cleaning"], t["leaves"], strict=True))
@@ -149,6 +173,9 @@ FIGURES: Mapping[str, Figure] = {
                     " wheel above the temperature of wheel and rail.", price),
     "slips": Figure("Mean slip of each axle in the leaves, slips held exactly: axle 1 leads.",
                     slips),
+    "train": Figure("Mean slip of each axle in the leaves, behind valves: before (slide protection,"
+                    " each axle's own peak) and after (the law of the whole train). Axle 1 leads.",
+                    slips_behind_valves),
     "chance": Figure("Leaves by chance: every draw a dot, the middle half a box, the median a"
                      " line.", chance),
     "sizes": Figure("Leaves everywhere: the longer the train, the more its first axles clean for"

@@ -37,6 +37,7 @@ from slipctl.models.vehicle.parts import (
     Fused,
     Searched,
     SlipRatio,
+    TrainSlip,
 )
 from slipctl.models.vehicle.parts.rail import Patch
 
@@ -69,20 +70,36 @@ TUNED = {"slip": 2.05, "share": 0.19, "deceleration": 1.83}
 
 PI = ScheduledPI(reference=SlipRatio(slip=0.15))
 
+STA = SlipLaw(kind="sta", gains={"k1": 4.0, "k2": 2.0}, reference=SlipRatio(slip=0.15))
+
 RIVALS: Mapping[str, Controller] = {
     "none": DemandAlone(),
     "wsp": SlideProtection(),
     "wsp_tuned": SlideProtection(**TUNED),
     "pi": PI,
-    "super_twisting": SlipLaw(
-        kind="sta", gains={"k1": 4.0, "k2": 2.0}, reference=SlipRatio(slip=0.15)
-    ),
+    "super_twisting": STA,
     "predictive": Predictive(horizon=20, reference=SlipRatio(slip=0.15)),
     "best_slip": replace(PI, reference=Searched()),
     "common_slip": replace(PI, reference=SlipRatio(slip=LIMIT)),
+    "own_slip": replace(STA, reference=TrainSlip(tau=0.0)),
+    "train": replace(STA, reference=TrainSlip()),
 }
 """Who acts by the valves. The laws hold 15 %, ``common_slip`` the limit, ``best_slip`` what it
-finds to be best for each axle by itself."""
+finds to be best for each axle by itself. ``own_slip`` goes to each axle's own peak on the curves
+that it knows; ``train`` is the same law, and counts what an axle cleans for those behind it."""
+
+HALF = (LIMIT,) * 4 + (0.03,) * 4
+"""First half of the train at the limit, the others near their peak."""
+
+LADDER = tuple(round(LIMIT + (0.03 - LIMIT) * k / 7, 3) for k in range(8))
+"""Slips from the limit down to the peak, from axle to axle."""
+
+DRAWN: Mapping[str, Controller] = {
+    **RIVALS,
+    "first_half": replace(STA, reference=SlipRatio(slip=HALF)),
+    "ladder": replace(STA, reference=SlipRatio(slip=LADDER)),
+}
+"""Rivals on leaves by chance: also slips that are fixed by axle, for trains of eight axles."""
 
 
 PATCHES = DrawnPatches(many=(1, 3), length=(50.0, 250.0), peak=(0.03, 0.08), begin=50.0, end=300.0)

@@ -203,7 +203,11 @@ def _goal(
     if isinstance(reference, SlipSpeed):
         return reference.slip
     if isinstance(reference, SlipRatio):
-        return max(reference.slip * v, reference.least)
+        if len(reference.each) > 1:
+            raise BadInput(
+                "reference.slip: a certificate is of one slip for all axles; write one number"
+            )
+        return reference.at(v)
     slip, _ = best(rail.with_conditions(**{condition: at}), condition)
     return slip * v if "lam" in rail.inputs else slip
 

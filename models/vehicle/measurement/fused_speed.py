@@ -9,7 +9,8 @@ true speed by a_max less the true deceleration, each second, and says so by its 
 The filter has the speed and what the accelerometer reads wrong: its bias and the slope that it
 feels. An axle speaks with the weight that its slip leaves it. One that is let go and has run up
 rolls. One that is ahead of the estimate pulls it up: a braked wheel is never faster than its
-vehicle. One that is braked and agrees in speed and acceleration has its creep as deviation. All
+vehicle. One that is braked and agrees in speed and acceleration has its creep as deviation, unless
+slip control holds it: a slip of 2 % agrees too, and would pull the estimate down with it. All
 others say nothing. Axles err alike, by creep and radius, so their weights are not summed: together
 they speak as loud as the best of them. While none speaks, the deviation grows by what the
 accelerometer may be wrong. The bound is three deviations and the creep.
@@ -117,8 +118,10 @@ def axle_weights(axles: int) -> Block:
     def weights(
         w_f=State("m/s", "v_start", "rim speeds, filtered", shape=each, lo=-500, hi=500),
         light=State("s", 0.0, "time for which a wheel is let go", shape=each, lo=0, hi=100),
+        held_h=State("1", 0.0, "held of the last tick", shape=each, lo=0, hi=1),
         omega=Input("rad/s", "measured wheel speeds", shape=each),
         torque=Input("N m", "torque at each wheel", shape=each, positive="braking"),
+        held=Input("1", "1 while slip control holds the axle", shape=each, value=0.0),
         a=Input("m/s^2", "measured acceleration"),
         v=Input("m/s", "estimated speed"),
         b=Input("m/s^2", "estimated bias"),
@@ -147,12 +150,13 @@ def axle_weights(axles: int) -> Block:
         slow = creep * fabs(v)
         rolls = logic_and(steady, light_n >= settled)
         ahead = logic_and(beside > 0, logic_and(beside <= 2 * near + slow + 0.5, steady))
-        agrees = logic_and(steady, fabs(beside) <= near + slow)
+        agrees = logic_and(logic_and(steady, held_h < 0.5), fabs(beside) <= near + slow)
         braked = sigma / (sigma + slow)
         w = if_else(rolls, 1, if_else(ahead, 1, if_else(agrees, braked, 0)))
         loudest = mmax(w)
         mean = sum1(w * w * rim) / fmax(sum1(w * w), 1e-12)
-        return dict(w_f=w_f + moved, light=light_n), dict(z=loudest * mean, weight=loudest)
+        nxt = dict(w_f=w_f + moved, light=light_n, held_h=held)
+        return nxt, dict(z=loudest * mean, weight=loudest)
 
     return weights
 
@@ -189,7 +193,7 @@ def fused_speed(
         speed: at the start in m/s.
 
     Returns:
-        Step from ``omega``, ``torque`` and ``a`` to ``v_m``, ``error`` and ``sound``.
+        Step from ``omega``, ``torque``, ``held`` and ``a`` to ``v_m``, ``error`` and ``sound``.
     """
     sigma = 0.05
     kalman = ekf(
@@ -200,6 +204,7 @@ def fused_speed(
     )  # fmt: skip
     wires = {
         "axles.omega": "omega", "axles.torque": "torque", "axles.a": "a",
+        "axles.held": "held",
         "axles.v": "filter.held_v", "axles.b": "filter.held_b", "axles.P": "filter.P_v",
         "filter.a": "a", "filter.z": "axles.z", "filter.weight": "axles.weight",
         "bound.v": "filter.v", "bound.P": "filter.variance_v", "v_m": "bound.v_m",

@@ -79,6 +79,8 @@ def vehicle_speed(trip: Trip, parts: dict[str, Block], wires: dict[str, str]) ->
         many, part.spread, part.wander, meter.deviation, TICK, trip.vehicle.speed
     )
     wires |= {"accel.a": "plant.train.a", "speed.a": "accel.a_m"}
+    if "wake.on" in parts["ctl"].outputs:
+        wires["speed.held"] = "ctl.wake.on"
     return "speed.v_m"
 
 

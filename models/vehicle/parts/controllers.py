@@ -49,11 +49,23 @@ class SlipSpeed(Part):
 
 @dataclass(frozen=True, kw_only=True)
 class SlipRatio(Part):
-    """A fixed share of the vehicle's speed."""
+    """A fixed share of the vehicle's speed, one for all axles or one for each."""
 
     kind: Literal["ratio"] = "ratio"
-    slip: float = number("1", MISSING, "slip over speed", lo=1e-3, hi=0.9)
+    slip: float | tuple[float, ...] = number(
+        "1", MISSING, "slip over speed, one for all or one for each axle with an actuator",
+        lo=1e-3, hi=0.9,
+    )  # fmt: skip
     least: float = number("m/s", 0.2, "smallest slip speed of the reference", lo=0.01, hi=5)
+
+    @property
+    def each(self) -> tuple[float, ...]:
+        """Shares that differ by axle; one of them where all have the same."""
+        return self.slip if isinstance(self.slip, tuple) else (self.slip,)
+
+    def at(self, speed: float) -> float:
+        """Largest slip in m/s that an axle goes to at a speed in m/s."""
+        return max(max(self.each) * speed, self.least)
 
 
 @dataclass(frozen=True, kw_only=True)

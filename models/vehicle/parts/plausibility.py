@@ -92,8 +92,8 @@ def _measured(trip: Trip) -> Iterator[str]:
     vehicle, goal, part = trip.vehicle, trip.reference, trip.sensors.wheel_speed
     if vehicle.mode == "brake" and isinstance(goal, SlipSpeed) and 0 < vehicle.speed < goal.slip:
         yield f"reference.slip: {goal.slip:g} m/s is above the vehicle's speed; a wheel locks first"
-    if isinstance(goal, SlipRatio) and goal.slip > 0.5:
-        yield f"reference.slip: {goal.slip:g} of the speed; slip laws hold 0.01 to 0.3"
+    if isinstance(goal, SlipRatio) and max(goal.each) > 0.5:
+        yield f"reference.slip: {max(goal.each):g} of the speed; slip laws hold 0.01 to 0.3"
     if isinstance(part, ToothWheel) and vehicle.speed > 0:
         apart = 6.283 * vehicle.wheel_radius / part.teeth / vehicle.speed
         if apart > SPARSE:

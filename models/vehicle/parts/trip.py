@@ -14,6 +14,7 @@ from slipctl.models.vehicle.parts.controllers import (
     Searched,
     SlideProtection,
     SlipControl,
+    SlipRatio,
     TrainSlip,
 )
 from slipctl.models.vehicle.parts.declaration import (
@@ -252,6 +253,7 @@ class Trip(Part):
         yield from self._pressed()
         yield from self._unmeasured()
         yield from self._without_layer()
+        yield from self._slips_of_axles()
         for name, part in self.controllers.items():
             if isinstance(part, SlideProtection) and self.actuator.kind != "air":
                 yield (
@@ -281,11 +283,28 @@ class Trip(Part):
         if "overrun" in given and self.mark is None:
             yield "limits.overrun", "needs the mark that is not to be passed; write mark = '900 m'"
 
-    def _without_layer(self) -> Iterator[Fault]:
-        """A slip by what axles clean, where none is braked or nothing is to be cleaned."""
+    @property
+    def _references(self) -> dict[str, Reference | None]:
+        """Slips that are wanted, by where they stand; None where a controller has none."""
         own = {f"controllers.{k}.reference": getattr(part, "reference", None)
                for k, part in self.controllers.items()}  # fmt: skip
-        for where, part in {"reference": self.reference, **own}.items():
+        return {"reference": self.reference, **own}
+
+    def _slips_of_axles(self) -> Iterator[Fault]:
+        """A list of slips for another number of axles."""
+        axles = len(self.vehicle.worked)
+        for where, part in self._references.items():
+            many = len(part.each) if isinstance(part, SlipRatio) else 1
+            if many not in (1, axles) or (isinstance(part, SlipRatio) and part.slip == ()):
+                yield (
+                    f"{where}.slip",
+                    f"has {many} values for {axles} axles with an actuator; write one for all, or"
+                    " one for each",
+                )
+
+    def _without_layer(self) -> Iterator[Fault]:
+        """A slip by what axles clean, where none is braked or nothing is to be cleaned."""
+        for where, part in self._references.items():
             if not isinstance(part, TrainSlip):
                 continue
             if self.vehicle.mode == "drive":
