@@ -1,8 +1,9 @@
 """A map of two numbers of a system: where its promise is proved, refuted, or neither.
 
 Each point of a grid is decided as ``slipctl certify`` decides it, with rationals and enclosures;
-nothing is said of what lies between the points. Bounds are those of the design point. Level lines
-of the margin go between points that are proved with so many times the bounds and such that are not.
+nothing is said of what lies between the points. Bounds are those that the loop has at the point; of
+a system without a loop, those that were told. Level lines of the margin go between points that are
+proved with so many times the bounds and such that are not.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from slipctl import __version__
 from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.certify import proofs
 from slipctl.certify.promise import CERTIFIED, REFUTED, UNDECIDED, System, exact_numbers
+from slipctl.design.gain_points import Asked
 from slipctl.design.levels import Levels
 from slipctl.design.promises import with_margin
 from slipctl.draw import looks, plots
@@ -140,31 +142,29 @@ def read_axes(text: str, system: System, numbers: Mapping[str, Fraction]) -> tup
 
 
 def drawn_map(
-    system: System, given: Mapping[str, Any], axes: tuple[Axis, Axis], what: str,
+    at: Callable[[Mapping[str, float]], Asked], axes: tuple[Axis, Axis], what: str,
     points: int = POINTS, cores: Cores | None = None,
     tell: Callable[[float], None] = lambda share: None,
 ) -> Map:  # fmt: skip
     """Decide each point of a grid.
 
     Args:
-        system, given: as of ``certify``. axes: of the map. what: is mapped, in words.
-        points: along each axis. cores: that are used. tell: told the share done.
+        at: gives the system and the numbers of a point, such as
+            :meth:`slipctl.design.gain_points.GainPoints.at`. axes: of the map. what: is mapped, in
+            words. points: along each axis. cores: that are used. tell: told the share done.
 
     Raises:
         BadInput: numbers of the design point that mean nothing.
     """
     check_whole("--points", points, 2, MOST)
+    system, given = at({})
     numbers = exact_numbers(system, given)
     x, y = axes
     xs, ys = (a.values(points) for a in axes)
 
     def row(b: float) -> Callable[[Callable[[float], None]], Any]:
         def job(progress: Callable[[float], None]) -> list[tuple[str, float]]:
-            found = []
-            for a in xs:
-                at = {**given, x.name: float(a), y.name: float(b)}
-                found.append(point_verdict(system, at))
-            return found
+            return [point_verdict(at, {x.name: float(a), y.name: float(b)}) for a in xs]
 
         return job
 
@@ -182,9 +182,12 @@ def drawn_map(
     )  # fmt: skip
 
 
-def point_verdict(system: System, given: Mapping[str, Any]) -> tuple[str, float]:
+def point_verdict(
+    at: Callable[[Mapping[str, float]], Asked], point: Mapping[str, float]
+) -> tuple[str, float]:
     """Verdict at a point, and up to which margin it is proved."""
     try:
+        system, given = at(point)
         numbers = exact_numbers(system, given)
         verdict = proofs.decide(system, numbers).verdict
     except (BadInput, ArithmeticError):
