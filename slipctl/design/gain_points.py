@@ -27,7 +27,7 @@ PROBES = (1.05, 0.95)
 class GainPoints:
     """What is asked of a loop, at numbers of its certificate other than its own.
 
-    A bound may depend on a gain, as the slope of a disturbance does on how fast the law acts. So the
+    A bound may depend on a gain, as the slope of a disturbance does on how fast a law acts. So the
     numbers of a point are those that ``slipctl certify STUDY:LOOP --set`` gets: of the loop with
     the gains of the point. A number that the loop does not have, as a bound that is told, is
     replaced in the certificate alone.

@@ -179,7 +179,7 @@ def ends(options: argparse.Namespace, command: str) -> str:
         value = getattr(found, side)
         if folder is not None and value is not None:
             there, given = at({found.name: value})
-            numbers = systems.exact_numbers(there, given | {found.name: Fraction(str(value))})
+            numbers = systems.exact_numbers(there, {**given, found.name: Fraction(str(value))})
             folder.mkdir(parents=True, exist_ok=True)
             files.append(str(folder / f"{side}.json"))
             store.write_text(Path(files[-1]), store.json_text(proofs.write(there, numbers)))
