@@ -21,8 +21,9 @@ from typing import Any
 
 from slipctl import registry
 from slipctl.run import store
-from slipctl.workbench.answers import KINDS, LANES, Answers
+from slipctl.workbench.answers import Answers
 from slipctl.workbench.desk import Desk
+from slipctl.workbench.questions import KINDS, LANES
 from slipctl.workbench.texts import completions, faults_of_text
 
 FILES = registry.folder("models") / "vehicle" / "files"

@@ -14,7 +14,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,12 +25,13 @@ from slipctl.certify.promise import CERTIFIED, REFUTED, UNDECIDED, System, exact
 from slipctl.design.gain_points import Asked
 from slipctl.design.levels import Levels
 from slipctl.design.promises import with_margin
-from slipctl.draw import looks, plots
-from slipctl.draw.regions import regions
 from slipctl.errors import BadInput, check_whole, nearest
 from slipctl.run import store
 from slipctl.seek.population import Box
 from slipctl.study.jobs import Cores, run_jobs
+
+if TYPE_CHECKING:
+    from slipctl.draw import plots
 
 LEVELS = (1.2, 2.0, 5.0)
 """Margins whose level lines are drawn."""
@@ -207,6 +208,9 @@ def point_verdict(
 
 def figure(found: Map) -> plots.Figure:
     """Draw it: regions, darker the larger the margin, lines between them, the design point."""
+    from slipctl.draw import looks
+    from slipctl.draw.regions import regions
+
     points = len(found.verdicts)
     proved = {(CERTIFIED, m): c for m, c in zip((1.0, *LEVELS), SHADES, strict=True)}
     kinds = proved | {(UNDECIDED, 0.0): GREY, (REFUTED, 0.0): ORANGE, ("", 0.0): "#FFFFFF"}
@@ -240,6 +244,8 @@ def _edges(axis: Axis, points: int) -> np.ndarray:
 
 def write(found: Map, folder: Path, command: str) -> list[Path]:
     """Write ``map.png``, ``map.svg`` and ``map.json``; gives their names."""
+    from slipctl.draw import plots
+
     plots.save(figure(found), folder, "map", command)
     store.write_json(folder / "map.json", {"command": command, **found.payload()})
     return [folder / f"map.{e}" for e in ("png", "svg", "json")]

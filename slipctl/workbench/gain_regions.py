@@ -22,28 +22,8 @@ AROUND = 5.0
 """How far it goes from the point, as a factor to either side."""
 
 
-def certificates_of_rig(rig: Rig) -> dict[str, Any]:
-    """Which certificates can be asked for of a loop, or why there is none."""
-    why = rig.study.uncertified.get(rig.name, "")
-    if not rig.gains and not why:
-        why = "the study declares no gains of this loop to certify"
-    return {"names": [g.name for g in rig.gains], "why": why}
-
-
-def gains_by_name(rig: Rig, name: str = "") -> Gains:
-    """Certificate of a loop by its name; the first one without.
-
-    Raises:
-        BadInput: it has none; says why.
-    """
-    found = next((g for g in rig.gains if name in ("", g.name)), None)
-    if found is None:
-        raise BadInput(f"{rig.name} has no certificate{f' {name!r}' if name else ''}:"
-                       f" {certificates_of_rig(rig)['why'] or 'choose another'}")  # fmt: skip
-    return found
-
-
-def _points(rig: Rig, gains: Gains, numbers: Mapping[str, float]) -> GainPoints:
+def points_of_gains(rig: Rig, gains: Gains, numbers: Mapping[str, float]) -> GainPoints:
+    """What a certificate asks of a loop with these numbers, and of points about it."""
     loop = rig.loop.with_params(**numbers) if numbers else rig.loop
     return GainPoints(gains, loop, rig.study.controller)
 
@@ -61,7 +41,7 @@ def verdict_of_gains(rig: Rig, gains: Gains, numbers: Mapping[str, float]) -> di
     Raises:
         BadInput: numbers that mean nothing.
     """
-    system, given = _points(rig, gains, numbers).at({})
+    system, given = points_of_gains(rig, gains, numbers).at({})
     report = systems.report(system, given)
     decision = report.decision
     missing = [decision.promise.claims[k] for k in decision.open]
@@ -96,7 +76,7 @@ def region_rows(
     Raises:
         BadInput: the law has not two such numbers.
     """
-    points_of = _points(rig, gains, numbers)
+    points_of = points_of_gains(rig, gains, numbers)
     movable = movable_gains(rig, points_of)
     chosen = names or tuple(movable)[:2]
     if len(chosen) != 2 or not all(n in movable for n in chosen):

@@ -15,11 +15,22 @@ from hypothesis import strategies as st
 from workbench_frames import answered
 
 from slipctl import BadInput, registry, simulate
+from slipctl.certify import super_twisting as sta
 from slipctl.study import resolve
-from slipctl.workbench import curves, gain_regions, laws, saved_files, sliders, texts
-from slipctl.workbench.answers import KINDS, Answers
+from slipctl.workbench import (
+    certificates,
+    curves,
+    gain_regions,
+    laws,
+    saved_files,
+    sliders,
+    texts,
+    worst_runs,
+)
+from slipctl.workbench.answers import Answers
 from slipctl.workbench.command_lines import command_words, replayed_curves, run_command
 from slipctl.workbench.desk import Desk, command_of
+from slipctl.workbench.questions import KINDS
 
 METRO = registry.folder("models") / "vehicle" / "files" / "metro.toml"
 TEXT = METRO.read_text(encoding="utf-8")
@@ -209,9 +220,9 @@ def test_python_is_loaded_only_where_it_was_named(metro, monkeypatch):
 
 
 def test_each_point_of_a_region_is_the_certificate_of_its_loop(subway):
-    """Also where a bound depends on the gains: the map of certify keeps those of one point."""
+    """Also where a bound depends on the gains."""
     rig = subway.rig()
-    gains = gain_regions.gains_by_name(rig)
+    gains = certificates.gains_by_name(rig)
     axes, *rows = [r for r in gain_regions.region_rows(rig, gains, {}, points=3) if r]
     assert axes["movable"] == {"k1": "ctl.law.k1", "k2": "ctl.law.k2"}
     seen = set()
@@ -223,11 +234,46 @@ def test_each_point_of_a_region_is_the_certificate_of_its_loop(subway):
     assert len(seen) > 1
 
 
+def test_the_worst_disturbance_is_the_largest_allowed_and_turns_with_the_error():
+    """d = +-L throughout, outward while |x1| grows: the largest work that |d| <= L can do."""
+    desk = Desk("hst_traction:composite", compile=False)
+    rig = next(
+        r for n, c in desk.loops() if (r := desk.rig(loop=n, scenario=c)).gains
+        and any(g.name == "observer" for g in r.gains)
+    )  # fmt: skip
+    gains = certificates.gains_by_name(rig, "observer")
+    found, lines = worst_runs.worst_run(rig, gains, {})
+    rows = {p.name: p.series[0].values for p in found.panels}
+    bound = gain_regions.points_of_gains(rig, gains, {}).here["L"]
+    x1, d = rows["x1"], rows["disturbance"]
+    assert np.abs(d) == pytest.approx(bound)
+    grows = np.diff(np.abs(x1)) > 0
+    inside = (x1[:-1] * x1[1:] > 0) & (d[:-1] == d[1:])
+    assert inside.sum() > 20
+    assert (np.sign(d[1:]) == np.where(grows, 1, -1) * np.sign(x1[1:]))[inside].all()
+    assert "disturbance: d = L sgn x1" in lines[0]
+
+
+def test_a_worst_run_of_the_page_is_that_of_the_certificate(subway):
+    """Explicit super-twisting ends in an orbit of two ticks; its swing has a closed form."""
+    head, columns = answered(Answers(subway), kind="worst")[-1]
+    swing = sta.explicit_amplitude(20.0, 10.0, 1e-3)
+    assert np.abs(columns[1]) == pytest.approx(swing, rel=1e-6)
+    assert (columns[1][1:] * columns[1][:-1] < 0).all()
+    assert head["end"]
+    assert [p["unit"] for p in head["panels"]] == ["m/s"]
+
+
+def test_a_certificate_without_a_worst_run_says_so(metro):
+    found = answered(Answers(metro), kind="worst", loop="pid")[-1][0]
+    assert "no worst run" in found["faults"][0]
+
+
 def test_a_loop_without_certificate_says_why(metro):
     rig = metro.rig(loop="predictive")
-    assert "solution of a program" in gain_regions.certificates_of_rig(rig)["why"]
+    assert "solution of a program" in certificates.certificates_of_rig(rig)["why"]
     with pytest.raises(BadInput, match="solution of a program"):
-        gain_regions.gains_by_name(rig)
+        certificates.gains_by_name(rig)
 
 
 # ---- the text -----------------------------------------------------------------------------------

@@ -14,8 +14,8 @@ from importlib.resources import files
 from typing import Any
 
 from slipctl.errors import BadInput
-from slipctl.workbench.answers import KINDS
 from slipctl.workbench.curves import frame
+from slipctl.workbench.questions import KINDS
 from slipctl.workbench.web.guard import LONGEST, Bucket, Guard
 from slipctl.workbench.web.windows import Opening, Window
 

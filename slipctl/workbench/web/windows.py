@@ -10,9 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from slipctl.workbench.answers import KINDS, LANES
 from slipctl.workbench.curves import frame
-from slipctl.workbench.web.worker import serve
+from slipctl.workbench.questions import KINDS, LANES
 
 PATIENCE = 20.0
 """Seconds that a piece of work may take; the process is ended then, and a new one begins."""
@@ -38,6 +37,13 @@ class Opening:
     files: tuple[str, ...] = ()
     compile: bool = True
     patience: float = PATIENCE
+
+
+def _serve(*given: Any) -> None:
+    """What a process does; the server itself does not load what answers."""
+    from slipctl.workbench.web.worker import serve
+
+    serve(*given)
 
 
 def process_context() -> Any:
@@ -71,7 +77,7 @@ class Worker:
         here, there = context.Pipe()
         o = self.opening
         self._process = context.Process(
-            target=serve,
+            target=_serve,
             args=(there, o.name, o.folder, o.files, o.compile, self.limited),
             daemon=True,
         )
