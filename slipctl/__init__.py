@@ -69,6 +69,7 @@ _WHERE = {
 }
 _HOME = {name: module for module, names in _WHERE.items() for name in names}
 __all__ = ["__version__", *_HOME]
+_HOME["open"] = "workbench.widget"  # not in __all__: a star would take Python's own open away
 
 if TYPE_CHECKING:
     from slipctl.analysis.linearise import linear, nonlinear, operating_point
@@ -127,4 +128,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted([*__all__, "open"])
