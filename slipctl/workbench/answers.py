@@ -288,11 +288,11 @@ class Answers:
         said: Head = {}
         for said in command_lines.run_command(words):
             yield {"command": asked, **said} if "progress" in said else b""
-        if asked in ("tune", "replay") and said["code"]:
-            raise BadInput(said["said"].strip().rpartition("\n")[2] or f"{asked} failed")
         if asked == "replay":
-            who = {"kind": "command", "id": 0, "loop": "replay", "share": 1.0}
-            yield frame(who, command_lines.replayed_curves(out))
+            yield from command_lines.told_replay(said, out, self.desk.folder)
+            return
+        if asked == "tune" and said["code"]:
+            raise BadInput(said["said"].strip().rpartition("\n")[2] or f"{asked} failed")
         gains = command_lines.found_gains(out, rig.sliders) if asked == "tune" else {}
         report = out.relative_to(self.desk.folder) / "report.html"
         yield {"end": True, "command": asked, "said": said["said"], "line": said["command"],

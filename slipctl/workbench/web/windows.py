@@ -19,6 +19,9 @@ PATIENCE = 20.0
 LIMITS = {"slow": 300.0, "command": math.inf}
 """The same, of work that compiles or counts; a command ends when it is stopped."""
 
+MOST_LOST = 3
+"""Processes that may end one after the other before one has answered; no more are begun."""
+
 Send = Callable[[str, bytes], None]
 """Called, from a thread, with the kind of an answer and its frame."""
 
@@ -68,6 +71,7 @@ class Worker:
         self._waiting: dict[str, Mapping[str, Any]] = {}
         self._step: tuple[str, float] | None = None
         self._closed = False
+        self._lost = 0
         self._begin()
         threading.Thread(target=self._write, daemon=True).start()
         threading.Thread(target=self._watch, daemon=True).start()
@@ -128,6 +132,7 @@ class Worker:
                 said = pipe.recv()
             except (EOFError, OSError):
                 break
+            self._lost = 0 if said[0] == "idle" else self._lost
             if said[0] == "frame":
                 kind = self._step[0] if self._step else "model"
                 self.send(kind, said[1])
@@ -139,6 +144,12 @@ class Worker:
             if self._closed or pipe is not self._pipe:
                 return
             kind = self._step[0] if self._step else ""
+            self._lost += 1
+            self._closed = self._lost > MOST_LOST
+            self._lock.notify_all()
+        if self._closed:
+            self._say(kind or "model", "what answers ends as soon as it begins; the terminal says why")
+            return
         self._say(kind, "the process that answers has ended; a new one has begun")
         self._begin()
 

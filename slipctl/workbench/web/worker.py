@@ -14,7 +14,7 @@ from slipctl.errors import BadInput
 from slipctl.study import resolve
 from slipctl.workbench.answers import Answers
 from slipctl.workbench.curves import frame
-from slipctl.workbench.desk import Desk
+from slipctl.workbench.openings import answers_of_opening
 from slipctl.workbench.questions import KINDS
 
 MEMORY = 8 * 2**30
@@ -42,7 +42,7 @@ def serve(
     gc.set_threshold(100_000, 50, 100)
     resolve.load_only(files)
     try:
-        answers = Answers(Desk(name, folder, compile))
+        answers = answers_of_opening(name, folder, compile)
     except BadInput as error:
         pipe.send(("frame", frame({"kind": "model", "id": 0, "end": True, "faults": [str(error)]})))
         return

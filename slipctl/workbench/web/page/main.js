@@ -9,6 +9,7 @@ import { Plots, curvesOf, timeText } from "./plots.js";
 import { Region } from "./region.js";
 import { showFaults, showMetrics, showWarnings } from "./side.js";
 import { Sliders } from "./sliders.js";
+import { Sweeps } from "./sweeps.js";
 import { Talk } from "./socket.js";
 import { State } from "./state.js";
 import { followTheme } from "./theme.js";
@@ -24,6 +25,7 @@ const sliders = new Sliders((name, value) => {
   state.set({ numbers }, name);
 });
 const region = new Region((moved) => state.set({ numbers: { ...state.now.numbers, ...moved } }, "point"));
+const sweeps = new Sweeps((numbers) => state.set({ numbers }, "sweep run"));
 const editor = new Editor((text) => state.set({ text, numbers: state.now.numbers }, "text"), (line, text) => talk.ask("complete", { line, text }));
 
 /** @type {any} */
@@ -148,6 +150,8 @@ talk.on("model", (head) => {
   at("undo").disabled = !state.past.length;
   at("redo").disabled = !state.future.length;
   plots.shape = "";
+  sweeps.show(head.sweep);
+  commands.ofLog(head);
   run();
   askRegion();
   if (!at("law").hidden) talk.ask("law", about());
@@ -273,6 +277,7 @@ followTheme(() => {
   plots.redraw();
   track.draw();
   region.draw();
+  sweeps.draw();
   if (!at("law").hidden) talk.ask("law", about());
 });
 addEventListener("keydown", (event) => {
