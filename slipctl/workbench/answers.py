@@ -32,7 +32,13 @@ class Answers:
 
     Args:
         desk: what is open.
+
+    Attributes:
+        kinds: questions that it answers. without: why it does not answer the others.
     """
+
+    kinds: tuple[str, ...] = KINDS
+    without = ""
 
     def __init__(self, desk: Desk) -> None:
         self.desk = desk
@@ -52,6 +58,8 @@ class Answers:
         try:
             if kind not in KINDS:
                 raise BadInput(f"there is no question {kind[:40]!r}")
+            if kind not in self.kinds:
+                raise BadInput(self.without)
             for part in getattr(self, kind)(request):
                 yield part if isinstance(part, bytes) else frame({**who, **part})
         except (Exception, RecursionError) as error:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from slipctl.errors import BadInput
 from slipctl.run.logs.recorded_log import Recording, read_recording
@@ -40,6 +39,9 @@ class LogAnswers(Answers):
     Args:
         path: of the log. folder: it is in; files are written there alone.
     """
+
+    kinds = ("run", "model", "doubts", "command")
+    without = "a recorded log has no model; open a vehicle's file"
 
     def __init__(self, path: str, folder: str) -> None:
         self.path, self.folder = Path(path), Path(folder).resolve()
@@ -90,9 +92,3 @@ class LogAnswers(Answers):
         for said in command_lines.run_command(words):
             yield {"command": asked, **said} if "progress" in said else b""
         yield from command_lines.told_replay(said, out, self.folder)
-
-    def _rig(self, request: Request) -> Any:
-        raise BadInput("a recorded log has no model; open a vehicle's file")
-
-    def _text(self, request: Request) -> str | None:
-        return None

@@ -148,7 +148,7 @@ class Worker:
             self._closed = self._lost > MOST_LOST
             self._lock.notify_all()
         if self._closed:
-            self._say(kind or "model", "what answers ends as soon as it begins; the terminal says why")
+            self._say(kind or "model", "what answers ends at once; the terminal says why")
             return
         self._say(kind, "the process that answers has ended; a new one has begun")
         self._begin()
