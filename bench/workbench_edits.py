@@ -125,7 +125,8 @@ def main() -> int:
              "seed": options.seed, "seconds": round(time.time() - begun)}  # fmt: skip
     print(store.json_text(found).rstrip())
     if out:
-        store.write_json(out, found)
+        command = f"python -m bench.workbench_edits --seed {options.seed}"
+        store.write_json(out, {"format": store.FORMAT, "command": command, "numbers": found})
     bad = set(edits) - {"right", "told"} or set(questions) - {"answered", "told"}
     return 1 if bad or files != ["metro.toml"] else 0
 

@@ -69,7 +69,7 @@ _WHERE = {
 }
 _HOME = {name: module for module, names in _WHERE.items() for name in names}
 __all__ = ["__version__", *_HOME]
-_HOME["open"] = "workbench.widget"  # not in __all__: a star would take Python's own open away
+_HOME["open"] = "workbench.web.widget"  # not in __all__: a star would take Python's own open away
 
 if TYPE_CHECKING:
     from slipctl.analysis.linearise import linear, nonlinear, operating_point

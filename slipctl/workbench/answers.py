@@ -8,11 +8,11 @@ from typing import Any
 
 from slipctl.errors import BadInput, Faults, RunFailed
 from slipctl.study.failures import blame
-from slipctl.workbench.certificates import certificates_of_rig, gains_by_name
 from slipctl.workbench.curves import curves_of_run, frame
 from slipctl.workbench.desk import Desk, Rig, command_of
 from slipctl.workbench.findings import metric_rows, warnings_of_rig
 from slipctl.workbench.questions import COMMANDS, KINDS
+from slipctl.workbench.safety.certificates import certificates_of_rig, gains_by_name
 from slipctl.workbench.sliders import check_numbers
 
 # what a question alone needs is imported there: the first page does not wait for it
@@ -204,7 +204,7 @@ class Answers:
 
     def verdict(self, request: Request) -> Iterator[Head]:
         """Certificate of the loop with the numbers as they are."""
-        from slipctl.workbench.gain_regions import verdict_of_gains
+        from slipctl.workbench.safety.gain_regions import verdict_of_gains
 
         rig = self._rig(request)
         gains = gains_by_name(rig, str(request.get("name") or ""))
@@ -212,7 +212,7 @@ class Answers:
 
     def worst(self, request: Request) -> Iterator[bytes | Head]:
         """Run of the certificate's equations against their worst disturbance."""
-        from slipctl.workbench.worst_runs import worst_run
+        from slipctl.workbench.safety.worst_runs import worst_run
 
         rig = self._rig(request)
         gains = gains_by_name(rig, str(request.get("name") or ""))
@@ -222,7 +222,7 @@ class Answers:
 
     def region(self, request: Request) -> Iterator[Head | bytes]:
         """Where two gains are certified, refuted or undecided, row by row."""
-        from slipctl.workbench.gain_regions import region_rows
+        from slipctl.workbench.safety.gain_regions import region_rows
 
         rig = self._rig(request)
         gains = gains_by_name(rig, str(request.get("name") or ""))

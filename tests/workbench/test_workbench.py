@@ -18,21 +18,13 @@ from slipctl import BadInput, registry, simulate
 from slipctl.certify import super_twisting as sta
 from slipctl.commands.cli import main
 from slipctl.study import resolve
-from slipctl.workbench import (
-    certificates,
-    curves,
-    gain_regions,
-    laws,
-    openings,
-    saved_files,
-    sliders,
-    texts,
-    worst_runs,
-)
+from slipctl.workbench import curves, laws, saved_files, sliders, texts
 from slipctl.workbench.answers import Answers
 from slipctl.workbench.command_lines import command_words, replayed_curves, run_command
 from slipctl.workbench.desk import Desk, command_of
 from slipctl.workbench.questions import KINDS
+from slipctl.workbench.safety import certificates, gain_regions, worst_runs
+from slipctl.workbench.sources import openings
 
 METRO = registry.folder("models") / "vehicle" / "files" / "metro.toml"
 TEXT = METRO.read_text(encoding="utf-8")

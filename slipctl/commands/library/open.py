@@ -14,7 +14,7 @@ log = logging.getLogger("slipctl")
 
 def answer(options: argparse.Namespace, command: str) -> int:
     """Serve the page until Ctrl-C; the first line printed is its whole address."""
-    from slipctl.workbench.openings import check_opening, opening_of_name
+    from slipctl.workbench.sources.openings import check_opening, opening_of_name
     from slipctl.workbench.web.server import Server
 
     if options.port is not None and not 0 <= options.port < 2**16:

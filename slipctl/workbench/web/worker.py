@@ -14,8 +14,8 @@ from slipctl.errors import BadInput
 from slipctl.study import resolve
 from slipctl.workbench.answers import Answers
 from slipctl.workbench.curves import frame
-from slipctl.workbench.openings import answers_of_opening
 from slipctl.workbench.questions import KINDS
+from slipctl.workbench.sources.openings import answers_of_opening
 
 MEMORY = 8 * 2**30
 """Bytes that a worker may ask for; a law that wants more is refused by the system."""

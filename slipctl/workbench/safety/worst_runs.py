@@ -11,7 +11,7 @@ from slipctl.block.units.unit_algebra import display_scale
 from slipctl.certify import systems
 from slipctl.errors import BadInput
 from slipctl.workbench.curves import Curves, Panel, Series
-from slipctl.workbench.gain_regions import points_of_gains
+from slipctl.workbench.safety.gain_regions import points_of_gains
 
 if TYPE_CHECKING:
     from slipctl.study.declaration import Gains

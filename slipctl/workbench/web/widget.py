@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any
 
 from slipctl.errors import BadInput
-from slipctl.workbench.openings import opening_of_name
+from slipctl.workbench.sources.openings import opening_of_name
 from slipctl.workbench.web.guard import LONGEST
 from slipctl.workbench.web.messages import question_of_text
 from slipctl.workbench.web.windows import Window
@@ -30,7 +30,7 @@ def _widget_class() -> Any:
         raise BadInput(f"a widget needs {error.name}; pip install 'slipctl[notebook]'") from None
     from importlib.resources import files
 
-    class Workbench(anywidget.AnyWidget):  # type: ignore[misc]
+    class Workbench(anywidget.AnyWidget):
         """The page of ``slipctl open`` in a cell; its runs go on in processes beside the kernel."""
 
         _esm = (files("slipctl.workbench.web") / "notebook_cell.js").read_text(encoding="utf-8")
@@ -80,7 +80,8 @@ class CellWindow:
 
     def take(self) -> tuple[list[bytes], list[str]]:
         """Frames that wait, and kinds of the questions that ended."""
-        frames, ended = [], []
+        frames: list[bytes] = []
+        ended: list[str] = []
         while self._waiting and len(frames) < MOST:
             kind, data = self._waiting.popleft()
             frames.append(data)

@@ -41,7 +41,7 @@ def opening_of_name(name: str = "", files: Sequence[str] = (), compile: bool = T
             raise BadInput(f"there is no file {file}")
     if is_sweep(name):
         from slipctl.run.sweep.sweep_results import open_sweep
-        from slipctl.workbench.opened_sweeps import loop_of_sweep
+        from slipctl.workbench.sources.opened_sweeps import loop_of_sweep
 
         asked = Request.read(loop_of_sweep(open_sweep(name)))
     else:
@@ -91,11 +91,11 @@ def answers_of_opening(name: str, folder: str, compile: bool = True) -> Answers:
         BadInput: it is none.
     """
     if is_sweep(name):
-        from slipctl.workbench.opened_sweeps import SweepAnswers
+        from slipctl.workbench.sources.opened_sweeps import SweepAnswers
 
         return SweepAnswers(name, folder, compile)
     if is_log(name):
-        from slipctl.workbench.opened_logs import LogAnswers
+        from slipctl.workbench.sources.opened_logs import LogAnswers
 
         return LogAnswers(name, folder)
     from slipctl.workbench.answers import Answers

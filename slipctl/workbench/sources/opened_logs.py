@@ -9,7 +9,7 @@ from slipctl.errors import BadInput
 from slipctl.run.logs.recorded_log import Recording, read_recording
 from slipctl.workbench.answers import Answers, Head, Request
 from slipctl.workbench.curves import Curves, Panel, Series, frame
-from slipctl.workbench.openings import LOOP_OF_LOG
+from slipctl.workbench.sources.openings import LOOP_OF_LOG
 
 MOST = 24
 """Columns that are drawn, the first ones."""
@@ -17,7 +17,8 @@ MOST = 24
 
 def curves_of_recording(log: Recording) -> tuple[Curves, list[str]]:
     """A panel for each column of a log, and lines on how it was read and what is left out."""
-    panels, notes = [], []
+    panels: list[Panel] = []
+    notes: list[str] = []
     for name in log.columns:
         if len(panels) == MOST:
             notes.append(f"of {len(log.columns)} columns the first {MOST} are drawn")

@@ -54,7 +54,7 @@ def rows_of_sweep(found: Sweep, sliders: Sequence[Slider]) -> dict[str, Any]:
     given = {s.name: parse_quantity(s.value, units[s.name]) for s in kept if s.name in units}
     names = list(found.units)
     scales = {n: display_scale(found.units[n][0]) for n in names}
-    runs = []
+    runs: list[dict[str, Any]] = []
     for run, numbers, metrics, why in found.runs[:MOST]:
         values = [_plain(value_in_run(n, metrics) * scales[n][0]) for n in names]
         mine = {n: v for n, v in numbers.items() if n in units}
