@@ -210,9 +210,7 @@ def test_what_is_worthless_is_refused_with_its_deviation(span, deviation, unknow
     t = np.arange(0, span, 0.1)
     log = {"time": t, "v": coasted(t) + deviation * noise(t.size)}
     at = KNOWN | ({"c1": 0.0} if unknown else {})
-    with pytest.raises(
-        BadInput, match=r"not determine c\d.*\+-.*record a wider range or longer"
-    ):
+    with pytest.raises(BadInput, match=r"not determine c\d.*\+-.*record a wider range or longer"):
         fit_over_time(coasting, log, "v", unknown, at=at)
 
 
