@@ -1,4 +1,4 @@
-"""What a written block may say of its names: all of it arrives, and each fault stands at its key."""
+"""All that a written block says of its names arrives, and each fault of it stands at its key."""
 
 from __future__ import annotations
 
