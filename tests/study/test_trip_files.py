@@ -91,7 +91,7 @@ def test_files_that_a_file_names_lie_beside_it(tmp_path, monkeypatch):
 
 
 def test_a_loop_that_cannot_be_made_names_the_line_of_its_controller(tmp_path, monkeypatch):
-    """What only the whole loop refuses: the tick, which all blocks share, off the range of a law."""
+    """What only the whole loop refuses: a tick that all blocks share, off the range of a law."""
     monkeypatch.chdir(tmp_path)
     ranged = 'T = { value = "9 ms", range = ["5 ms", "20 ms"] }, J ='
     own = OWN.replace("K*v_s*J/r", "K*v_s*J/r*T/T").replace("J =", ranged)
