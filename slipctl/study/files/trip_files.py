@@ -132,7 +132,7 @@ def study_of_text(path: str, text: str) -> Study:
 
 
 def _cases(path: str, text: str, cases: Any, models: Any, quick: bool) -> list[Case]:
-    """Cases whose loops say where in the file that controller stands which no loop can be made of."""
+    """Cases; a loop that cannot be made says where in the file its controller stands."""
     return [
         replace(c, loops=Loops({n: partial(_loop, path, text, c.loops, n) for n in c.loops}))
         for c in cases(models, quick)
