@@ -231,7 +231,7 @@ def test_a_terminal_sees_all_that_goes_on(now) -> None:
     now[0] += 0.05
     shown("one", 0.6)
     assert stream.getvalue() == before  # not more often than ten times a second
-    shown.done("one")
+    shown("one", 1.0)
     written = stream.getvalue()[len(before) :]
     assert written.startswith("\r\033[2A\033[J")  # over the three lines before
     rows = written.rpartition("\033[J")[2].splitlines()
@@ -252,7 +252,7 @@ def test_a_file_has_a_line_for_each_and_one_now_and_then(watched, quiet, now, ca
         now[0] += seconds
         shown("one", share)
     shown("two", 0.01)
-    shown.done("two")
+    shown("two", 1.0)
     shown.end()
     assert stream.getvalue() == ""
     assert caplog.messages == ["1/2 one", "one: 50 %, 31 s left", "one: 70 %, 27 s left", "2/2 two"]
