@@ -254,6 +254,7 @@ def test_overshoot_is_that_of_the_torque():
     assert verdict("no_overshoot_slip", r)[0] == "reproduced"
 
 
+@pytest.mark.second
 def test_order_of_the_variances_turns_with_the_window_and_says_so():
     r = results()
     assert verdict("variance_order_joint", r)[0] == "not reproduced"
