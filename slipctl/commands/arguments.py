@@ -323,7 +323,6 @@ def _c_options(p: Parser) -> None:
     p.add_argument(
         "--misra", action="store_true", help="count the findings of cppcheck and MISRA C:2012"
     )
-
     p.add_argument(
         "--vectors", metavar="FILE.csv|search[:SECONDS]",
         help="test it with these inputs, one row per tick, instead of those of a run; or search "
@@ -353,7 +352,6 @@ def _c_options(p: Parser) -> None:
 
 
 def _written_beside(p: Parser) -> None:
-    """Options of what the folder holds beside the module."""
     p.add_argument("--fmu", action="store_true", help="also write FMUs, by FMI 2.0 and 3.0")
     p.add_argument(
         "--platforms", metavar="linux64,win64",
