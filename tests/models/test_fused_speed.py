@@ -27,8 +27,9 @@ R, G = 0.42, 9.81
 
 def outputs(block, columns, start=None):
     """Outputs of a step over columns of its inputs, by name."""
-    inputs = np.vstack([np.atleast_2d(columns[n]) for n in block.inputs])
-    many = inputs.shape[1]
+    many = np.atleast_2d(next(iter(columns.values()))).shape[1]
+    inputs = np.vstack([np.broadcast_to(columns.get(n, s.value), (max(s.size, 1), many))
+                        for n, s in block.inputs.items()])  # fmt: skip
     x, p = (
         block.pack("state", block.start(**(start or {}))),
         block.pack("param", block.param_values()),
