@@ -84,6 +84,14 @@ class Member:
         """The same as a node."""
         return expression(self.at(pointer, k))
 
+    def array(self, pointer: str) -> str:
+        """C expression of the array, or of the number."""
+        return f"{pointer}{self.c}"
+
+    def elements(self, k: int) -> list[int]:
+        """Numbers of element k, in the array of all."""
+        return [k]
+
     def address(self, pointer: str) -> str:
         """C expression of the address of its first element."""
         return f"&{pointer}{self.c}" if self.scalar else f"{pointer}{self.c}"
@@ -92,6 +100,45 @@ class Member:
         """Declaration inside a struct, by its C name or another, in this precision."""
         name = name or self.c
         return f"{real} {name};" if self.scalar else f"{real} {name}[{self.size}];"
+
+
+@dataclass(frozen=True)
+class Copy(Member):
+    """What one of several copies has of a member.
+
+    Attributes:
+        axis: what the copies are, and their index in C; 0 of one that is alone.
+        of: what all of them have.
+        local: pointer to the own elements, where there are several.
+    """
+
+    axis: str
+    of: Member
+    local: str = ""
+
+    def at(self, pointer: str, k: int) -> str:
+        """C expression of element k of the copy."""
+        if self.local:
+            return f"{self.local}[{k}]"
+        alone = self.size == self.of.size
+        return self.of.at(pointer, k) if alone else f"{self.of.array(pointer)}[{self.axis}]"
+
+    def array(self, pointer: str) -> str:
+        """C expression of the array that the elements of the copy are in."""
+        return self.local or self.of.array(pointer)
+
+    def elements(self, k: int) -> list[int]:
+        """Numbers of element k of each copy, in the array of all."""
+        own = range(k, self.of.size, self.size)
+        return [i for j in own for i in self.of.elements(j)]
+
+    def pointers(self, struct: str, const: bool) -> dict[str, str]:
+        """Declarations of the pointers that it needs, by their names."""
+        found = self.of.pointers(struct, const) if isinstance(self.of, Copy) else {}
+        if self.local:
+            start = f"&{self.of.array(struct)}[{self.size} * {self.axis}]"
+            found[self.local] = f"{'const ' * const}double *const {self.local} = {start};"
+        return found
 
 
 @dataclass(frozen=True)
