@@ -291,7 +291,9 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     one = ("trust.v", "trust.demand", "trust.retry")
     common = {k for k, source in wires.items() if source in one} | {"fall.a_R", "probe.limit"}
     copies = {
-        name: replicate(block, axles, [n for n in block.inputs if f"{name}.{n}" in common])
+        name: replicate(
+            block, axles, [n for n in block.inputs if f"{name}.{n}" in common], spread=True
+        )
         for name, block in parts.items()
     }
     judge = trust(axles, driven, **of_inputs(trip, w))

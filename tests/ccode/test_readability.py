@@ -402,5 +402,5 @@ def test_copies_of_a_block_keep_the_names_of_its_locals() -> None:
 
     for n in (2, 3):
         text = of_plan(Plan(replicate(dragged, n), "ctl"))
-        assert "next->x[axle] = state->x[axle] - 3.0 * in->v[axle];" in text
-        assert "const double swing = next->x[axle] * next->x[axle] + in->v[axle];" in text
+        assert "const double x_next = state->x[axle] - 3.0 * in->v[axle];" in text
+        assert "const double swing = x_next * x_next + in->v[axle];" in text

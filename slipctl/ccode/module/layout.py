@@ -84,6 +84,11 @@ class Member:
         """The same as a node."""
         return expression(self.at(pointer, k))
 
+    @property
+    def all(self) -> Member:
+        """What all copies have of it; itself where there are none."""
+        return self
+
     def array(self, pointer: str) -> str:
         """C expression of the array, or of the number."""
         return f"{pointer}{self.c}"
@@ -115,6 +120,11 @@ class Copy(Member):
     axis: str
     of: Member
     local: str = ""
+
+    @property
+    def all(self) -> Member:
+        """What all copies have of it."""
+        return self.of.all
 
     def at(self, pointer: str, k: int) -> str:
         """C expression of element k of the copy."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.connection import evaluation_order
@@ -53,7 +54,8 @@ class Parts:
         can_be: what (C name, pointer, element) can be.
         made: function of each part by its C name.
         lines: the calls, in the order of the wires.
-        ticks: from one run of a part to the next, where it is not 1, by its C name.
+        ticks: from one run of a part to the next, where it is not 1, by its C name; of copies that
+            run in different ticks it is 1.
         results: for each (C name, pointer, element), what tells that two of them are one number.
     """
 
@@ -221,7 +223,8 @@ class Parts:
         self.lines.append(c.do(c.call(name, map(c.name, used))))
         held = runs_of(block)
         if held is not None:
-            self.ticks[name] = held[1]
+            together = len(set(np.ravel(wires.states[held[2]][0].all.signal.value))) == 1
+            self.ticks[name] = held[1] if together else 1
 
     def _lines(
         self, block: Block, path: str, wires: Wires, outputs: Sequence[str], last: bool

@@ -51,7 +51,8 @@ def groups(plan: Plan) -> tuple[Group, ...]:
         )
     rates = [made.ticks.get(called(line), 1) for line in made.lines]
     if set(rates) <= {1}:
-        raise BadInput(f"--rates: all of {plan.block.name} runs in every tick; leave it out")
+        why = "; its copies run every few ticks, but each in another tick" * bool(plan.counters)
+        raise BadInput(f"--rates: all of {plan.block.name} runs in every tick{why}; leave it out")
     waits = _waits(made.lines, made.functions)
     orders = [_order(rates, waits, first) for first in dict.fromkeys(rates)]
     rows = [_rows(order, rates) for order in orders if order]
