@@ -45,11 +45,13 @@ def search_parts(
     begin = START if start is None else start
     slices = next(n for n in (4, 2, 1) if ticks % n == 0)
     fit = rls(
-        curve, form="window", start=begin, period=0.016 / slices, iterations=ITERATIONS,
+        curve,
+        form="window",
+        start=begin,
+        period=0.016 / slices,
+        iterations=ITERATIONS,
         iterations_per_tick=ITERATIONS // slices,
-    ).with_params(
-        noise=noise, spread=0.5, gate=4.0, settling=1.0
-    )
+    ).with_params(noise=noise, spread=0.5, gate=4.0, settling=1.0)
     far = 12 + float(np.abs(fit.start()["theta"]).max())
     search = argmax_block(curve, "v_s", lo=0.01, hi=10.0)
     parts = {

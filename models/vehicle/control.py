@@ -369,7 +369,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
     always = type(trip.demand).__name__ == "Most"
     parts: dict[str, Block] = {
         "slip": slip_from_speeds(trip.vehicle.mode == "drive"),
-        "meter": sensors.adhesion_meter(window=ticks_of(WINDOW, trip), torque="sampled"),
+        "meter": sensors.adhesion_meter(ticks_of(WINDOW, trip), "sampled", noise=False),
         "force": form.force,
         "fall": form.fall,
         "law": contained_block(law_block if gated_inside else gated(law_block)),

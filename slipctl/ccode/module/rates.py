@@ -291,7 +291,7 @@ def _go_on(plan: Plan, row: Sequence[Group], looked: Sequence[str]) -> Node:
         *(line for p, declared in struct.items() if p in used for line in declared),
         *["(void)in;"] * (not plan.layout.inputs and "in" not in used),
         "unsigned int status;",
-        if_(f"!(state->guard.mark == {number(guard.MARK)})",
+        if_(f"state->guard.mark != {guard.MARK_NAME}",
             f"return (unsigned int){big}_NO_INIT | (unsigned int){big}_REFUSED;"),
         if_("!((state->tick.done >= 1.0) && (state->tick.done < groups))", *begin),
         "status = (unsigned int)(int)state->tick.status;",
