@@ -3,7 +3,8 @@
     (mu, v_s) measured -> parameters of the law, their covariance -> peak of the law -> reference
 
 The fit is over a window of samples; the probe goes past the peak while that is unsure, because at a
-constant slip the parameters cannot be identified. All three run on the speed bus, every 16 ms.
+constant slip the parameters cannot be identified. All three run on the speed bus, every 16 ms. The
+fit is worked out in four runs, so that no tick has all of it to do.
 """
 
 from collections.abc import Mapping
