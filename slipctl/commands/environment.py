@@ -40,3 +40,17 @@ def tell_threads() -> Iterator[str]:
         f"the environment has OMP_NUM_THREADS = {given[:40]!r}; where one number is wanted,"
         f" {os.environ['NUMEXPR_NUM_THREADS']} is taken"
     )
+
+
+def progress_interval() -> float:
+    """Seconds between two lines about something long where nobody watches: SLIPCTL_PROGRESS.
+
+    Raises:
+        BadInput: it is no time above zero.
+    """
+    given = os.environ.get("SLIPCTL_PROGRESS", "30")
+    if not re.fullmatch(r"\d{1,6}(\.\d{1,6})?", given) or float(given) <= 0.0:
+        raise BadInput(
+            f"the environment has SLIPCTL_PROGRESS = {given[:40]!r}; write seconds, such as 30"
+        )
+    return float(given)

@@ -6,10 +6,9 @@ import logging
 import time
 from typing import IO
 
-log = logging.getLogger("slipctl")
+from slipctl.commands.environment import progress_interval
 
-EVERY = 30.0
-"""Time in s between two lines about something long where nobody watches."""
+log = logging.getLogger("slipctl")
 
 
 class Progress:
@@ -25,6 +24,7 @@ class Progress:
         self.began: dict[str, float] = {}
         self.told: dict[str, float] = {}
         self.lines, self.last = 0, 0.0
+        self.every = progress_interval()
 
     def __call__(self, what: str, share: float) -> None:
         """Show the share done of what is running."""
@@ -39,7 +39,7 @@ class Progress:
             if share >= 1.0 or now - self.last > 0.1:
                 self.last = now
                 self._draw()
-        elif now - self.told[what] > EVERY and 0.0 < share < 1.0:
+        elif now - self.told[what] > self.every and 0.0 < share < 1.0:
             self.told[what] = now
             log.info("%s", self._line(what))
 

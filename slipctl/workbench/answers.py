@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -12,8 +9,14 @@ from typing import Any
 from slipctl.errors import BadInput, Faults, RunFailed
 from slipctl.study.failures import blame
 from slipctl.workbench.c_texts import c_of_rig
+from slipctl.workbench.command_lines import (
+    command_words,
+    found_gains,
+    replayed_curves,
+    run_command,
+)
 from slipctl.workbench.curves import curves_of_run, frame
-from slipctl.workbench.desk import Desk, Rig, command_of, numbers_in_words
+from slipctl.workbench.desk import Desk, Rig, command_of
 from slipctl.workbench.effects import difference_rows, exact_slopes
 from slipctl.workbench.ensembles import ensemble_rows
 from slipctl.workbench.findings import metric_rows, warnings_of_rig
@@ -246,31 +249,28 @@ class Answers:
         done = save_desk(self.desk, name, self._text(request), self._moved(request, rig))
         yield {"end": True, **done}
 
-    def report(self, request: Request) -> Iterator[Head]:
-        """Run what is saved as ``slipctl run`` does, and say where its report is."""
+    def command(self, request: Request) -> Iterator[bytes | Head]:
+        """Report, search, sweep or replay of what is saved, as the command line does it."""
+        asked = str(request.get("command"))
+        if asked == "stop":  # a newer question has ended the older one
+            yield {"end": True, "command": asked, "said": "stopped; the same command goes on"}
+            return
+        if asked not in COMMANDS:
+            raise BadInput(f"there is no command {asked[:40]!r}; {', '.join(COMMANDS)}")
         rig = self._rig(request)
-        moved = numbers_in_words(self._moved(request, rig), rig.sliders)
         if self._text(request) != self.desk.saved():
-            raise BadInput("save the text first; a report is of a file")
-        out = self.desk.within(f"out/{re.sub(r'[^A-Za-z0-9_-]', '_', rig.study.name)}", "")
-        words = [sys.executable, "-m", "slipctl", "run", self.desk.home, "--loop", rig.name,
-                 "--out", str(out)]  # fmt: skip
-        words += ["--scenario", self.desk.scenario] if self.desk.scenario else []
-        words += ["--set", *moved] if moved else []
-        going = subprocess.Popen(
-            words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-        )
-        try:
-            while going.poll() is None:
-                time.sleep(0.05)
-                yield b""  # type: ignore[misc]
-        finally:
-            if going.poll() is None:
-                going.terminate()
-        said = (going.stderr.read() if going.stderr else b"").decode(errors="replace")
-        if going.returncode == 2:
-            raise BadInput(said.strip() or "the report was refused")
-        yield {"end": True, "file": str(out / "report.html"), "said": said[-2000:]}
+            raise BadInput(f"save the text first; {asked} takes the file")
+        words, out = command_words(asked, self.desk, rig, self._moved(request, rig), request)
+        said: Head = {}
+        for said in run_command(words, self.desk):
+            yield {"command": asked, **said} if "progress" in said else b""
+        if asked == "replay":
+            who = {"kind": "command", "id": 0, "loop": "replay", "share": 1.0}
+            yield frame(who, replayed_curves(out))
+        gains = found_gains(out) if asked == "tune" else {}
+        report = out.relative_to(self.desk.folder) / "report.html"
+        yield {"end": True, "command": asked, "said": said["said"], "line": said["command"],
+               "gains": gains, "file": str(report)}  # fmt: skip
 
 
 def fault_lines(error: BaseException) -> list[str]:
@@ -288,9 +288,14 @@ def fault_lines(error: BaseException) -> list[str]:
 KINDS: dict[str, Callable[[Answers, Request], Iterator[Any]]] = {
     name: getattr(Answers, name)
     for name in ("text", "complete", "edit", "run", "model", "law", "block", "save",
-                 "verdict", "doubts", "region", "effects", "draws", "c", "report")
+                 "verdict", "doubts", "region", "effects", "draws", "c", "command")
 }  # fmt: skip
 """Questions, the more urgent ones first."""
 
-LONG = ("verdict", "doubts", "region", "effects", "draws", "c", "report")
-"""Questions that go to a second process, so that a run need not wait for them."""
+COMMANDS = ("report", "tune", "sweep", "replay")
+"""What the command line does for the page."""
+
+LANES = dict.fromkeys(("verdict", "doubts", "region", "effects", "draws", "c"), "slow")
+LANES["command"] = "command"
+"""Which process answers a question, the first one where it is not named: a run waits for none of
+them, and none of them for a command that goes on for minutes."""

@@ -88,6 +88,7 @@ def test_missing_samples_do_no_harm_to_any_system(name, tmp_path):
     assert all(f.told == f.ticks for f in found)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["hst_braking:eppfc_free", "subway_braking:sta_online"])
 def test_a_wrong_sample_of_the_adhesion_is_taken_back(name, tmp_path):
     """It tells a change of the rail; what was known before is in force again when it is over."""
@@ -336,6 +337,7 @@ def test_what_a_controller_remembers():
     assert faults.settling(loop[part])(0.01) == pytest.approx(0.1 + 20 * 0.02)
 
 
+@pytest.mark.long
 def test_true_samples_in_the_place_of_wrong_ones_are_back(tmp_path, monkeypatch):
     """What is measured is the fault: of a run that reads the truth every tick is as without it."""
     monkeypatch.setitem(KINDS, "true", (1.0, 0.0))
@@ -349,6 +351,7 @@ def test_true_samples_in_the_place_of_wrong_ones_are_back(tmp_path, monkeypatch)
         assert {(f.back, f.settled, f.own, f.alike) for f in found} == {(1.0, 0.0, 0.0, 0.0)}
 
 
+@pytest.mark.long
 def test_a_fit_in_the_rest_of_the_loop_is_no_harm(tmp_path):
     """One NaN: told, forgotten; the loop goes another way, as it does for 1e-9 of a slip.
 

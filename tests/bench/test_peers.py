@@ -5,6 +5,7 @@ import pytest
 from slipctl.run import build
 
 
+@pytest.mark.second
 @pytest.mark.skipif(build.compiler() is None, reason="no C compiler here")
 def test_hand_written_steps_are_the_same_law() -> None:
     from bench.peers.steps import bench

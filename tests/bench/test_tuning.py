@@ -9,6 +9,7 @@ from bench import tuning
 pytestmark = pytest.mark.second
 
 
+@pytest.mark.long
 def test_a_search_is_told():
     found = tuning.row("subway_braking:sta", samples=4, held_out=2, runs=16)
     assert found["numbers"] == 2

@@ -232,6 +232,7 @@ WORDS = st.sampled_from(
 )  # fmt: skip
 
 
+@pytest.mark.second
 @given(st.one_of(st.lists(WORDS, max_size=40).map("".join), st.text(max_size=80)))
 def test_hostile_texts(text: str) -> None:
     """Whatever is typed becomes a block or faults in less than two seconds."""

@@ -60,6 +60,7 @@ def test_units_and_log():
     assert list(log["state"].values) == [1, 1, 2, 0]
 
 
+@pytest.mark.second
 @pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 def test_c_of_it(tmp_path):
     speeds = np.random.default_rng(1).choice([0.1, 0.4, 0.6, 1.5, 2.5, 91.0], 400)

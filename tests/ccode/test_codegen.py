@@ -250,6 +250,7 @@ def module(tmp_path_factory: pytest.TempPathFactory) -> codegen.CModule:
 # ---- the same numbers ----------------------------------------------------------------------------
 
 
+@pytest.mark.second
 @needs_compiler
 def test_controller_in_c_repeats_the_run(run: Any, tmp_path: Path) -> None:
     loop, log = run
@@ -265,6 +266,7 @@ def test_controller_in_c_repeats_the_run(run: Any, tmp_path: Path) -> None:
     np.testing.assert_allclose(torque, log["ctl.T_b"].values, rtol=0, atol=1e-12 * torque.max())
 
 
+@pytest.mark.second
 @needs_compiler
 @pytest.mark.parametrize("choices", [{"discretisation": "proper_implicit"}, {"gains": "printed"}])
 def test_other_forms_of_the_controller(choices: Any, run: Any, tmp_path: Path) -> None:
@@ -273,7 +275,7 @@ def test_other_forms_of_the_controller(choices: Any, run: Any, tmp_path: Path) -
     assert codegen.check(control(**choices), inputs, tmp_path)["passed"]
 
 
-@pytest.mark.second
+@pytest.mark.long
 @needs_compiler
 @pytest.mark.parametrize("name", [*BLOCKS, *MADE])
 def test_every_kind_of_block_agrees(name: str, tmp_path: Path) -> None:
@@ -620,6 +622,7 @@ def test_readme_tells_which_parameters_go_together_and_which_do_nothing(tmp_path
     assert "`ctl_param_instance`" in text
 
 
+@pytest.mark.second
 def test_report_to_read_has_the_numbers_of_the_other(tmp_path: Path) -> None:
     data = codegen.export(control(), tmp_path, check=True).data
     text = (tmp_path / "report.md").read_text()

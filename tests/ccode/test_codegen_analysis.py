@@ -47,7 +47,7 @@ def _table(x: Any, u: Any, p: Any) -> Any:
     return {}, {"y": ca.interpolant("t", "linear", [[0, 1, 2]], [0, 1, 4])(u["u"])}
 
 
-@pytest.mark.second
+@pytest.mark.long
 @needs_cppcheck
 @pytest.mark.parametrize("name", BLOCKS)
 def test_required_rules_are_kept(name: str, tmp_path: Path) -> None:
@@ -64,7 +64,7 @@ def test_required_rules_are_kept(name: str, tmp_path: Path) -> None:
     assert rules <= {*analysis.ADVISORY, *found["explained"], *found["deviations"]}
 
 
-@pytest.mark.second
+@pytest.mark.long
 @needs_cppcheck
 @pytest.mark.parametrize("name", ["predictive:nmpc", "all_rails:nmpc", "hst_traction:mpc_limited"])
 def test_solvers_keep_required_rules_too(name: str) -> None:

@@ -235,6 +235,7 @@ def test_outputs_are_limited_and_the_step_counts(real: str, tmp_path: Path) -> N
     assert c.status == OFF_RANGE | LIMITED
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("name", BLOCKS)
 def test_any_bytes_as_inputs(name: str, real: str, tmp_path: Path) -> None:
@@ -265,6 +266,7 @@ def test_any_bytes_as_inputs(name: str, real: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(states[held], before[held])
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("real", REALS)
 def test_replay_with_ticks_off_range_agrees_with_the_guarded_block(
     real: str, tmp_path: Path
@@ -405,6 +407,7 @@ def test_safe_values_are_given_while_a_step_is_refused(real: str, tmp_path: Path
     assert (c.status, c.state) == (LIMITED, {"i": 0.75})  # v is limited
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("real", REALS)
 def test_safe_values_are_told_tested_and_replayed(real: str, tmp_path: Path) -> None:
     ticks = 200
@@ -508,6 +511,7 @@ def test_float_leaves_nothing_of_double() -> None:
         codegen.c_module(guarded, "unused", real="flaot")
 
 
+@pytest.mark.second
 def test_every_call_of_mathematics_has_a_float_form(tmp_path: Path) -> None:
     @law(y=Output("1", shape=(9,)))
     def calls(u=Input("1", lo=0.1, hi=0.9), v=Input("1", lo=0.1, hi=2)):
@@ -565,6 +569,7 @@ def test_float_agrees_within_its_arithmetic(name: str, tmp_path: Path) -> None:
             monkey.undo()
 
 
+@pytest.mark.second
 def test_start_values_stand_in_the_order_of_the_struct(tmp_path: Path) -> None:
     """As C++ wants them, in which float is tried: those of expressions among those of numbers."""
 
@@ -648,6 +653,7 @@ def test_cmake_builds_and_tests(real: str, tmp_path: Path) -> None:
     assert json.loads((tmp_path / "c" / "report.json").read_text())["real"] == real
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("real", REALS)
 def test_cmake_builds_for_a_board_and_ctest_runs_it_there(real: str, tmp_path: Path) -> None:
     tools = ("cmake", "ctest", targets.EMULATOR, "gcc")
@@ -696,6 +702,7 @@ def test_make_builds_again_with_another_compiler(tmp_path: Path) -> None:
 # ---- targets -------------------------------------------------------------------------------------
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("name", BLOCKS)
 def test_float_links_nothing_of_double_on_a_cortex_m4(name: str, tmp_path: Path) -> None:
     """In double the helpers are there, so the search for them finds what it looks for."""
@@ -767,6 +774,7 @@ def on_board() -> None:
         pytest.skip(str(missing))
 
 
+@pytest.mark.second
 def test_a_board_stops_after_enough_instructions(
     on_board: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -782,7 +790,7 @@ def test_a_board_stops_after_enough_instructions(
     assert there["instructions"]["mean"] > 1
 
 
-@pytest.mark.second
+@pytest.mark.long
 @pytest.mark.usefixtures("on_board")
 def test_vectors_are_replayed_on_each_board(tmp_path: Path) -> None:
     """Same vectors, same status, in double to the last bits; the limits are in instructions."""
@@ -805,6 +813,7 @@ def test_vectors_are_replayed_on_each_board(tmp_path: Path) -> None:
             assert double["instructions"]["mean"] > 10 * single["instructions"]["mean"]
 
 
+@pytest.mark.second
 @pytest.mark.usefixtures("on_board")
 def test_board_notices_a_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     honest = targets.in_binary

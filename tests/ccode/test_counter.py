@@ -139,6 +139,7 @@ def test_by_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert int(said.stdout) == size
 
 
+@pytest.mark.second
 @pytest.mark.skipif(
     module_proof.shutil.which("frama-c") is None, reason="no frama-c on this machine"
 )

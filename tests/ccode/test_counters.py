@@ -111,6 +111,7 @@ def test_a_part_keeps_its_place_in_time(tmp_path, real, rates):
     assert ("missed" in (tmp_path / "c" / "ctl.h").read_text(encoding="utf-8")) == bool(gaps)
 
 
+@pytest.mark.second
 @pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 def test_the_folder_tests_itself_with_counters(tmp_path):
     """Vectors with gaps, the misuse of its own test, and the A2L file."""

@@ -102,6 +102,7 @@ def opened(folder: Path, version: int, tmp_path: Path, name: str = "lag") -> Fmu
 # ---- valid, and the same numbers -----------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", REPRESENTATIVE)
 def test_representative_controllers_as_fmu(name: str, tmp_path: Path) -> None:
     """Valid by FMPy; simulated by FMPy on made-up inputs, every output is that of the C module."""

@@ -56,6 +56,7 @@ def test_what_is_no_clock(text: str) -> None:
         load.clock(text)
 
 
+@pytest.mark.second
 @on_board
 def test_a_step_that_takes_longer_than_its_tick_fails(tmp_path: Path) -> None:
     """The counts are QEMU's, the same on the rig; a tick of 1 us has 25 cycles."""

@@ -161,6 +161,7 @@ def test_without_init_every_piece_is_refused(tmp_path):
     assert (found, seen) == (0, 160)  # REFUSED, NO_INIT
 
 
+@pytest.mark.second
 def test_the_loops_that_have_several_rates():
     """Few groups, though estimator and search stand between quick parts; what reads waits."""
     for name, wanted in (
@@ -178,6 +179,7 @@ def test_the_loops_that_have_several_rates():
         )
 
 
+@pytest.mark.second
 def test_the_folder_tests_its_pieces(tmp_path):
     report = codegen.export(whole(), tmp_path, "ctl", check=True, rates=True)
     assert report.passed

@@ -63,6 +63,7 @@ def test_the_source_is_no_longer_and_has_no_more_locals_without_a_name(written) 
     assert told["registers"] == 0
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("name", LONGER)
 def test_other_sources_are_no_longer_either(name: str) -> None:
     study, _, loop = name.partition(":")
@@ -78,7 +79,7 @@ SHIPPED = json.loads((Path(__file__).parents[2] / "docs/evidence/reach.json").re
 CONTROLLERS = list(SHIPPED["numbers"]["reach"]["controllers"])
 
 
-@pytest.mark.second
+@pytest.mark.long
 @pytest.mark.parametrize("study", dict.fromkeys(c.partition(":")[0] for c in CONTROLLERS))
 def test_no_shipped_controller_has_register_code_or_many_locals_without_a_name(study: str) -> None:
     """Each is written part by part, none of it by CasADi's generator."""

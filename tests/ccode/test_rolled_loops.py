@@ -51,6 +51,7 @@ def repeating() -> Any:
     )  # fmt: skip
 
 
+@pytest.mark.second
 @pytest.mark.skipif(not HAS_COMPILER, reason="no C compiler on this machine")
 def test_filter_and_grid_are_loops_with_the_same_bits(tmp_path: Path) -> None:
     report = codegen.export(repeating(), tmp_path, check=True)
@@ -176,6 +177,7 @@ def test_an_array_that_is_read_later_stays_one() -> None:
     assert with_pass(fuse_loops, lines) == laid_out(lines)
 
 
+@pytest.mark.second
 @pytest.mark.skipif(not HAS_COMPILER, reason="no C compiler on this machine")
 def test_sums_over_a_window_and_slopes_at_a_corner_have_the_bits_of_python(tmp_path: Path) -> None:
     """A mask, a sum and squares; and the slope of a clipped value, on its corner too."""

@@ -42,6 +42,7 @@ def wine(folder: Path, *words: str | Path) -> subprocess.CompletedProcess:
     )
 
 
+@pytest.mark.second
 @needs_mingw
 def test_an_fmu_holds_a_binary_for_each_platform(tmp_path):
     """One archive, opened on Linux and on Windows; the same source gives the same bytes."""
@@ -57,7 +58,7 @@ def test_an_fmu_holds_a_binary_for_each_platform(tmp_path):
         assert dll[:2] == b"MZ"
 
 
-@pytest.mark.second
+@pytest.mark.long
 @needs_mingw
 @needs_wine
 def test_the_library_for_windows_gives_the_numbers_of_python(tmp_path):
@@ -81,7 +82,7 @@ def test_the_library_for_windows_gives_the_numbers_of_python(tmp_path):
         assert y == wanted["y"]
 
 
-@pytest.mark.second
+@pytest.mark.long
 @needs_mingw
 @needs_wine
 def test_the_written_test_passes_on_windows(tmp_path):

@@ -390,6 +390,7 @@ def test_lowest_speed_without_the_vehicle_term():
     np.testing.assert_allclose(pp.neglected_term(v, G * mu, best - pp.Z_PEAK * D * ETA), LIMIT)
 
 
+@pytest.mark.second
 def test_adhesion_budget():
     """An estimate wrong by 0.99 of the budget is borne, by 1.01 it is not; the barrier bears it."""
     mu, best = RAILS["dry"]

@@ -168,6 +168,7 @@ def test_declared_gains_are_whole():
     assert hst_traction_gains.SLOPE == 2000.0
 
 
+@pytest.mark.second
 def test_certify_and_the_table_of_the_study_tell_one_slope():
     """What ``certify hst_traction`` asks about is the number of the study's table.
 
@@ -307,6 +308,7 @@ def drawn():
     return Results(study, [case], True, data, tables=tables)
 
 
+@pytest.mark.second
 def test_figures_of_the_study(drawn):
     from slipctl.studies.gain_bounds.figures import DRAWN
 

@@ -389,6 +389,7 @@ def altered(payload, path, change):
     return new
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_every_altered_number_fails(name):
     """Each text of a certificate and of a refutation."""

@@ -121,7 +121,7 @@ def test_without_a_bound_the_promise_names_what_is_proved():
     proofs.check(relay(), payload)
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_more_push_is_never_easier():
     certified = []
     for k in range(1, 9):
@@ -239,7 +239,7 @@ def slide(**numbers):
     }  # fmt: skip
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_a_slide_protection_is_proved_near_to_its_worst_run_and_refuted_below():
     """Adhesion moves in any way within its range; ratio 1.45 at most."""
     system, numbers = slide(band=F(21, 10))

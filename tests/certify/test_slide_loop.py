@@ -86,7 +86,7 @@ def _here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_a_machine_that_never_vents_locks_the_wheel_and_the_run_replays(tmp_path):
     """Without the vehicle too: the file holds the tick. Another start is no counterexample."""
     system, numbers = system_of(tmp_path, 0.5, "push = '0.1 m/s^2'")
@@ -106,7 +106,7 @@ def test_a_machine_that_never_vents_locks_the_wheel_and_the_run_replays(tmp_path
         proofs.check(catalogue.OF_LOOPS["slide_loop"], bad)
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_its_mode_is_a_mode_and_its_slip_is_that_of_the_brake(tmp_path):
     """Real are the slip and the pressure; the machine that vents stays far below a locked wheel."""
     system, numbers = system_of(tmp_path, 1, "slip = '0.9 m/s'")
@@ -118,7 +118,7 @@ def test_its_mode_is_a_mode_and_its_slip_is_that_of_the_brake(tmp_path):
     assert proofs.decide(system, numbers).verdict == REFUTED
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_a_machine_of_a_vehicle_file_is_certified_near_its_worst_run(tmp_path):
     """At most 1.45 times what runs come to; the file is checked without the vehicle too."""
     system, numbers = system_of(tmp_path, 1, "slip = '2.2 m/s'")

@@ -28,6 +28,7 @@ def problems(name, numbers):
     return payload, smtlib.steps(system(name), payload)
 
 
+@pytest.mark.second
 def test_every_certificate_of_the_studies():
     """What `slipctl certify STUDY` asks, written as certificates."""
     asked = 0
@@ -46,6 +47,7 @@ BARRIER = dict(k=F(1200), k_a=F(1, 50), k_s=F(1, 50), W=F(1, 500), T=F(1, 20))
 SLIDING = dict(k=F(1), rho=F(1, 10), beta=F(1, 50), slope=F(66, 100), least=F(1, 4), T=F(1, 1000))
 
 
+@pytest.mark.second
 @pytest.mark.parametrize(("name", "numbers", "many"), [
     ("barrier_lyapunov", BARRIER | dict(k_a=F("1.22986"), T=F(1, 5000)), 1),
     ("barrier_lyapunov", BARRIER | dict(k_s=F(1, 40), noise=F(1, 1000)), 1),

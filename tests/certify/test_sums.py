@@ -113,7 +113,7 @@ def test_of_a_linear_loop_the_bound_is_the_sum_of_its_impulse_response():
         assert far <= bound(pi(delay), n) <= 1.01 * far
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_random_loops_on_a_bent_curve_are_proved_closely_and_never_falsely():
     """Slopes of both signs at rest, dead times; a start off rest is added to what pushes."""
     rng, ratios = np.random.default_rng(4), []
@@ -136,7 +136,7 @@ def test_random_loops_on_a_bent_curve_are_proved_closely_and_never_falsely():
     assert max(ratios) <= 1.6
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_more_of_what_pushes_or_starts_is_never_easier():
     """No holes: on a grid there is a proof up to an end, and none beyond."""
     system = pi(6)

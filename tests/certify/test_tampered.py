@@ -132,6 +132,7 @@ def test_what_an_alteration_does_is_what_it_did(name: str) -> None:
     assert outcomes(name) == json.loads(TABLE.read_text(encoding="utf-8"))[name]
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_what_is_no_number_is_refused_in_words(name: str) -> None:
     """Anywhere in a file: refused by a line, never by an error from inside."""

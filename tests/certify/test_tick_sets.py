@@ -223,7 +223,7 @@ def test_an_interval_is_no_number():
             wrong()
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_functions_enclose_what_they_do_to_numbers():
     rng = np.random.default_rng(3)
     for _ in range(200):

@@ -78,7 +78,7 @@ def test_a_promise_for_a_time_ends_with_it():
                     proofs.check(system, payload)
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_longer_times_and_larger_pushes_are_never_easier():
     system, numbers = pi(4), {}
     for name, values in (("W", (0.05, 0.1, 0.2)), ("e0", (0, 0.01, 0.03))):

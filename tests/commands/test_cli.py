@@ -96,6 +96,7 @@ def test_run_prints_claims_and_metrics_and_ends_with_0(capsys: pytest.CaptureFix
     assert "\r" not in said.err  # no moving bar where nobody looks
 
 
+@pytest.mark.second
 def test_quiet_and_verbose(capsys: pytest.CaptureFixture[str]) -> None:
     some = ("--quick", "--loop", "soft", "--scenario", "base")
     assert main(["-q", "run", TOY, *some]) == 0
@@ -150,6 +151,7 @@ def test_set_and_swap_take_several_or_are_repeated(capsys: pytest.CaptureFixture
     assert data["plant.adh.mu"].values[-1] == pytest.approx(0.2 * data["plant.car.s"].values[-1])
 
 
+@pytest.mark.second
 def test_a_part_of_a_study_leaves_claims_open(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", TOY, "--quick", "--loop", "soft", "--scenario", "base"]) == 0
     claims = {c["id"]: c for c in store.read_json(Path("out/toy/claims.json"))["claims"]}
@@ -402,6 +404,7 @@ def test_every_model_file_runs_as_a_copy(module: str) -> None:
     resolve.load_file(f"{module}_copy.py")
 
 
+@pytest.mark.second
 def test_c_of_a_loop_and_of_a_model(
     capsys: pytest.CaptureFixture[str], needs_compiler: None
 ) -> None:
@@ -733,6 +736,7 @@ DRAWING = (
 )
 
 
+@pytest.mark.second
 def test_only_what_draws_imports_matplotlib() -> None:
     engine = Path(resolve.__file__).parents[1]
     for path in engine.rglob("*.py"):

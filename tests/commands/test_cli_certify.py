@@ -192,6 +192,7 @@ own = System(
 """
 
 
+@pytest.mark.second
 def test_a_system_of_a_file_is_certified_by_its_name(capsys, tmp_path):
     """Its verdict is as sampled; its ends and its maps are asked for as those of any other."""
     Path("my.py").write_text(OWN, encoding="utf-8")

@@ -78,6 +78,7 @@ def test_a_plain_run_has_every_claim_and_says_what_needs_full(capsys) -> None:
     assert said.rstrip().endswith("report.html")
 
 
+@pytest.mark.second
 def test_a_plain_run_shows_what_a_full_one_has_found(capsys) -> None:
     full = run("--full")
     assert full["use"]["verdict"] != "not checkable"
@@ -92,6 +93,7 @@ def test_a_plain_run_shows_what_a_full_one_has_found(capsys) -> None:
     assert "Left to --full" not in capsys.readouterr().out
 
 
+@pytest.mark.second
 def test_one_core_and_many_give_the_same_bytes() -> None:
     run("--full", "--jobs", "1")
     before = {p: p.read_bytes() for p in Path("o").rglob("*") if p.suffix in (".csv", ".svg")}
@@ -106,6 +108,7 @@ def test_one_core_and_many_give_the_same_bytes() -> None:
     }
 
 
+@pytest.mark.second
 def test_full_goes_on_where_it_was_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
     """Logs and experiments of the same key are taken: nothing is simulated again."""
     run("--full")
@@ -298,6 +301,7 @@ def mine(
 """
 
 
+@pytest.mark.second
 def test_a_fitted_law_is_what_runs_and_its_file_is_told(capsys) -> None:
     """The whole way by the command line: fit, name the rail's conditions, swap, run, look."""
     Path("my.py").write_text(CURVE_LAW, encoding="utf-8")

@@ -160,7 +160,7 @@ sys.exit(pytest.main(sys.argv[1:], plugins=[Windows()]))
 """What a system lacks is taken away before slipctl is imported; names of files are looked at."""
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_the_quick_part_of_the_suite_passes_as_on_windows(tmp_path):
     """Without fork, timers and signals of POSIX, and with ``sys.platform`` of Windows."""
     script = tmp_path / "windows.py"

@@ -66,7 +66,7 @@ def test_members_keep_both_ends_and_stand_apart() -> None:
     assert fronts.crowding_distance([(1.0, 1.0)]) == [np.inf]
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_no_point_of_a_grid_beats_the_front(tmp_path: Path) -> None:
     """One gain: of 40 grid points none beats one of the front in both by 2 %; same on any cores."""
     found = tuned(objective=BOTH, runs=160)

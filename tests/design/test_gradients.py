@@ -190,6 +190,7 @@ def test_the_search_ends_along_the_slope(monkeypatch: pytest.MonkeyPatch) -> Non
     assert found.search.best.score.mean() < without.search.best.score.mean()
 
 
+@pytest.mark.second
 def test_it_says_why_there_is_no_slope() -> None:
     assert "a sign in it changes" in page.text(tuned(lambda F: F + 0.1 * ca.sign(F - 5)))
     found = tuned(goal="speed_error_max")

@@ -111,6 +111,7 @@ def test_a_part_beside_it_that_may_jump_is_refused() -> None:
         Slopes(world(loop(part(lambda x: ca.floor(x * 10) / 10))), list(NOW))
 
 
+@pytest.mark.long
 def test_tuning_ends_along_it() -> None:
     """And not behind a hard limit that holds: the slope is that of an interior point's steps,
     0.4 % off, and the differences say so."""

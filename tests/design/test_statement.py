@@ -32,7 +32,7 @@ def stated(out: Path | None = None, **changes: Any) -> Any:
     return tuned(out, prove=True, **({"runs": 4} | changes)).statement
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_draws_of_a_statement_are_its_own(tmp_path: Path) -> None:
     """No draw of the search or of the judgement is among them, nor of another attempt."""
     world = tuned(runs=4).search.rolls.world
@@ -47,7 +47,7 @@ def test_draws_of_a_statement_are_its_own(tmp_path: Path) -> None:
     assert found["values"][3] == value.hex()
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_a_statement_that_falls_short_is_followed_by_another(tmp_path: Path) -> None:
     """One that reached its share stays; else the next attempt has draws and a level of its own."""
     good = stated(tmp_path / "good")
@@ -81,7 +81,7 @@ def test_numbers_are_rounded_to_the_safe_side() -> None:
     assert statement._bound(-92.80009, "m") == "-92.8000 m"
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_an_altered_statement_does_not_hold() -> None:
     """Counts, shares, draws and the ensemble belong together."""
     found = {**stated(subject_to=["slip_max<=3m/s"]), "set": [], "swapped": []}
@@ -138,7 +138,7 @@ def test_draws_run_again(
     assert "holds no statement" in capsys.readouterr().err
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_1375_draws_say_99_percent(monkeypatch: pytest.MonkeyPatch) -> None:
     """With the share and the chance of the command; of 1375 draws, one beyond a limit is too many.
 

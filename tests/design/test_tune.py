@@ -233,7 +233,7 @@ def test_the_box_and_its_cube(lo: float, ratio: float, shares: Sequence[float]) 
     assert ((trial >= 0) & (trial <= 1)).all()
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_as_good_as_a_fine_grid() -> None:
     """One gain: no point of a grid of 60 is better on the same draws, at a tenth of its runs."""
     found = tuned(runs=100)
@@ -249,7 +249,7 @@ def test_as_good_as_a_fine_grid() -> None:
     assert search.best.score.mean() <= search.by_hand.score.mean()
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_the_same_on_any_cores_and_nothing_runs_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -277,7 +277,7 @@ def _refuse_but_once(metrics: Any) -> Any:
     return once
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_stopped(tmp_path: Path) -> None:
     """Ctrl-C gives the best so far; the same call goes on to what an unbroken one finds."""
 
@@ -293,7 +293,7 @@ def test_stopped(tmp_path: Path) -> None:
     assert tuned(tmp_path).gains == tuned().gains
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_what_is_not_proved_is_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each candidate that ran is certified; of k2 below L = 8 none ever is."""
     ran: set[float] = set()
@@ -347,6 +347,7 @@ def test_what_cannot_be_asked(changes: dict[str, Any], said: str) -> None:
 # ---- files and commands --------------------------------------------------------------------------
 
 
+@pytest.mark.second
 def test_gains_reach_every_door(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """``--set gains.toml`` of run, sweep and c gives the number that was found, to the last bit."""
     number = 17.300000000000001
@@ -378,7 +379,7 @@ def simulate_attrs(path: Path) -> Any:
         return dict(data.attrs)
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_the_certificate_is_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """``slipctl check`` proves each promise of the file anew; an altered one does not hold."""
     found = tuned(gains=GAINS, subject_to=["margin>=1.05"])

@@ -50,8 +50,13 @@ def run_page(page: Path, folder: Path, python: str = sys.executable) -> None:
     assert done.returncode == 0, done.stderr
 
 
+LONG = ("certify.md", "own_proof.md", "start.md", "theory.md", "tune.md")  # ten seconds and more
+
+
 @pytest.mark.second
-@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.long) if n in LONG else n for n in PAGES]
+)
 def test_code_of_the_page_runs(name, tmp_path):
     run_page(DOCS / name, tmp_path / "empty")
 
@@ -102,7 +107,7 @@ def wheel_of(folder: Path) -> Path | None:
     return next(folder.glob("*.whl"))
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_tutorial_runs(tmp_path, needs_compiler):
     """From a wheel in a fresh environment, which sees the libraries installed here."""
     wheel = wheel_of(tmp_path)
@@ -129,6 +134,7 @@ def test_tutorial_runs(tmp_path, needs_compiler):
 # ---- the reference and the floors ----------------------------------------------------------------
 
 
+@pytest.mark.second
 def test_api_reference_is_fresh():
     command = [sys.executable, str(DOCS / "make_api.py"), "--check"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
@@ -167,12 +173,14 @@ def test_each_room_has_a_floor():
     assert files == {"__init__.py", "__main__.py", "errors.py", "old_names.py", "registry.py"}
 
 
+@pytest.mark.second
 def test_each_room_imports_only_from_lower_floors():
     floor = rooms().floors()
     upwards = {pair for pair in rooms().imports() if floor[pair[0]] <= floor[pair[1]]}
     assert not upwards
 
 
+@pytest.mark.second
 def test_nothing_that_is_installed_needs_the_benches():
     """Nor does a benchmark need a package's line: `bench` is in the clone alone."""
     files = [
@@ -185,6 +193,7 @@ def test_nothing_that_is_installed_needs_the_benches():
     assert not [p for p in project["tool"]["setuptools"]["packages"] if "bench" in p.split(".")]
 
 
+@pytest.mark.second
 def test_no_modules_import_each_other_in_a_circle():
     """Imports inside functions count; those for types alone do not."""
     assert rooms().circles() == []
@@ -197,6 +206,7 @@ def test_each_room_says_its_question_and_nothing_else():
         assert "?" in (ast.get_docstring(tree) or ""), f"{path}: ask what belongs here"
 
 
+@pytest.mark.second
 def test_picture_of_the_rooms_is_that_of_the_imports():
     command = [sys.executable, str(DOCS / "make_rooms.py"), "--check"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
@@ -281,7 +291,7 @@ def results(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_tables_of_metrics_are_what_the_study_gives(results):
     spec = importlib.util.spec_from_file_location("make_tables", DOCS / "make_tables.py")
     maker = importlib.util.module_from_spec(spec)

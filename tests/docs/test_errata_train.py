@@ -41,6 +41,7 @@ def test_braking_has_32_axles():
     shows("003.12", "0.563", 32 * grip / 500e3)
 
 
+@pytest.mark.second
 def test_printed_33_feeds_a_slipping_wheel():
     found = {}
     for form in ("consistent", "printed-33"):

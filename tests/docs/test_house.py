@@ -35,7 +35,7 @@ def test_what_was_reached_stays_reached(rows):
     assert [rows[what] for what in sorted(REACHED) if not rows[what].reached] == []
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_a_run_of_a_file_is_counted():
     found = {r.what: r.now for r in house.running()}
     assert found["own calls of `run metro.toml --set m=40t`"] > 1e4

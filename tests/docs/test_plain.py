@@ -81,6 +81,7 @@ def told(file: Path) -> list[str]:
     return [re.sub(r"^ {4}.*$", "", text, flags=re.M) for text in texts]
 
 
+@pytest.mark.second
 def test_what_a_report_prints_of_models_is_plain():
     """The page of a study prints these docstrings beside the equations."""
     rooms = ("bench", "models", "slipctl", "studies")
@@ -121,6 +122,7 @@ def texts(file: Path) -> Iterator[str]:
             yield re.sub(r"^ +slipctl .*$", "", text, flags=re.M)  # examples of commands
 
 
+@pytest.mark.second
 def test_what_a_command_or_a_report_prints_is_plain():
     """No sentence of a literal is too long: help, messages, captions, notes, reasons."""
     files = [

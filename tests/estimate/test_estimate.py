@@ -545,6 +545,7 @@ def test_moving_optimum_with_little_noise(online, distance_known):
         assert x - distance_known <= 0.3
 
 
+@pytest.mark.second
 def test_moving_optimum_with_noise(online):
     """Noise 1e-3: adhesion use from 0.5 s after a change at least 0.99 in the mean.
 
@@ -653,6 +654,7 @@ def _told_after_a_shift(shift, noise=0.0, memory=32, latest=6, before=60, seeds=
     return y["changed"][:, before:].any(axis=1)
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("latest", [1, 6, 30])
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_the_detection_limit_is_where_it_is_said_to_be(noise, latest):

@@ -38,6 +38,7 @@ def estimated(modules, v, mu) -> dict[str, tuple[dict, dict]]:
     return found
 
 
+@pytest.mark.second
 @given(before=CURVES, after=CURVES, share=st.floats(0.003, 0.01), up=st.booleans())
 @settings(max_examples=30, deadline=None)
 def test_float_estimator_does_not_stand_still(modules, before, after, share, up):

@@ -78,7 +78,7 @@ def test_in_the_last_tick_all_is_as_in_one(per_tick: int, settings: dict[str, An
     assert (y[ticks::ticks, held] == y_whole[:-1, held]).all()
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_it_is_a_loop_of_so_many_turns_and_the_bits_of_python(tmp_path) -> None:
     """Bounded work: the C goes through one iteration in a tick, and through six in the other."""
     try:

@@ -74,6 +74,7 @@ def test_resistance_by_mass_is_that_of_the_vehicle_by_its_mass():
         assert share.std[n] * M == pytest.approx(whole.std[n], rel=1e-4)
 
 
+@pytest.mark.second
 @settings(max_examples=5, deadline=None)
 @given(st.floats(0.3, 3.0), st.floats(0.02, 0.6), st.floats(0.0, 0.4))
 def test_step_finds_gain_lag_and_dead_time(k: float, tau: float, dead: float):

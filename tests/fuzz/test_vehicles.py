@@ -88,7 +88,7 @@ def test_a_law_is_asked_at_all_speeds_of_the_trip(law, tmp_path):
         remarks(table, tmp_path)
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_every_number_at_its_ends_runs_or_is_refused_by_its_key(tmp_path):
     lost = []
     for keys, meta, _ in number_fields():

@@ -100,6 +100,7 @@ def test_the_rest_is_found_however_far_it_is_from_the_first_guess(tmp_path, b, f
     assert float(cell.rest[1]) == pytest.approx(110 / 0.42 * (fall + davis), rel=1e-6)
 
 
+@pytest.mark.second
 def test_a_draw_is_a_height_only_where_it_multiplies_the_whole_curve(tmp_path):
     """c alone leaves the tail as it is, so that the peak moves; a factor of 1 shows nothing."""
     both, c = "plant.train.adh.c, plant.train.adh.s", "plant.train.adh.c"
@@ -129,7 +130,7 @@ def test_the_pid_as_it_was_shipped_is_refuted_by_a_run(tmp_path):
         certificate.check(bad)
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_more_push_lag_or_dead_time_is_never_easier(tmp_path):
     """Half-widths that are proved grow with each of them."""
     from slipctl.certify.sums import Bounds, find_cell
@@ -147,7 +148,7 @@ def test_more_push_lag_or_dead_time_is_never_easier(tmp_path):
         assert widths == sorted(widths)
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_a_dead_time_of_few_ticks_is_asked_and_another_sample_time_refused(tmp_path):
     """A tick waits in one state; the block has its sample time inside."""
     for dead, states in (("0 ms", 0), ("1 ms", 1), ("2 ms", 2)):

@@ -191,6 +191,7 @@ def test_friction_of_the_materials_has_the_numbers_of_its_source():
     assert friction("disc", 10e3, 0.0) == pytest.approx(0.2375 + 0.00885 - 0.0345)
 
 
+@pytest.mark.second
 def test_cast_iron_brakes_harder_as_the_train_slows():
     """The torque at the wheel is that of the actuator times the friction by the nominal one."""
     vehicle = train(Car(mass=60e3), pads=Pads(material="cast_iron", nominal=0.15, blocks=16))

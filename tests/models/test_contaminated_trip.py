@@ -61,6 +61,7 @@ def rolled(trip, *names, **options):
     return prepare(loop(trip, "none"), scenario(trip), log=names, **options)()
 
 
+@pytest.mark.second
 def test_wheels_that_lock_in_leaves_stop_shorter_for_the_next_ones(tmp_path):
     """Behind the first axle adhesion rises from axle to axle; outside it is the rail's."""
     trip = read(tmp_path, FILE)
@@ -77,6 +78,7 @@ def test_wheels_that_lock_in_leaves_stop_shorter_for_the_next_ones(tmp_path):
     assert heat == pytest.approx(log["plant.train.P_slip"], rel=1e-12, abs=1e-6)
 
 
+@pytest.mark.second
 def test_a_layer_that_nothing_cleans_is_a_rail_condition(tmp_path):
     everywhere = FILE.replace(PLACES, "").replace("1e-4 m/J", "0 m/J")
     alone = everywhere.replace('condition = "leaves"\ntau = "0 m/J"\n', "")
@@ -85,6 +87,7 @@ def test_a_layer_that_nothing_cleans_is_a_rail_condition(tmp_path):
     assert ways[0] == pytest.approx(ways[1], rel=1e-12)
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("law", ["falling_creep", "contact.polach", "exponential_tail"])
 def test_the_peak_of_a_place_is_the_number_that_it_has(tmp_path, law):
     """Of any creep law, in any sign convention, at the speed at the start."""
@@ -140,7 +143,7 @@ def test_a_run_has_the_same_bits_compiled_and_not(tmp_path):
     assert (ways[0] == ways[1]).all()
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_dried_and_fouled_again(tmp_path):
     """A layer dries for all; cleaned rail that is fouled again carries less for those behind."""
     ways = []

@@ -264,6 +264,7 @@ def test_a_release_has_a_limit_and_is_tried_again(stands, limit):
     assert len(edges) >= 4  # and slip control after it
 
 
+@pytest.mark.second
 def test_holding_a_wheel_at_its_slip_is_no_release():
     command = Command()
     rng = np.random.default_rng(1)

@@ -199,6 +199,7 @@ CASES = {
 }  # fmt: skip
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("case", CASES)
 def test_trains_without_protection_stop_where_another_code_says(case):
     """T1 to T3: way and time to 1e-4, heat to its digits, the longest lock to two of its own ticks.

@@ -58,6 +58,7 @@ def test_beyond_the_critical_fall_the_eigenvalues_grow_and_before_they_do_not(J,
     assert (max(swinging) > 0) == (share > 1)
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("slip", [0.5, 1.0, 2.0])
 def test_the_limit_cycle_is_between_sticking_and_twice_the_slip(slip):
     """Torque near s sqrt(2 k J)/r; on a contact that is stiff, so that it sticks."""

@@ -51,6 +51,7 @@ def at_best(t, v):
 # ---- one rail point ------------------------------------------------------------------------------
 
 
+@pytest.mark.second
 def test_three_axles_are_those_of_brute_force():
     """practice_cases: the best of 240^3 slips is .143733, at .300, .300, .0350."""
     t = train(places(1)[:3], 3e-4)
@@ -131,6 +132,7 @@ REFERENCE = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.second
 @pytest.mark.parametrize(
     ("cars", "tau", "stretches", "greedy", "best"), CASES, ids=["O1", "O2", "O3"]
 )
@@ -140,7 +142,7 @@ def test_the_program_is_within_1e_4_of_the_optimum(cars, tau, stretches, greedy,
     assert stop(t, Rule(t, False, 26.0), 25.0).distance == pytest.approx(best, rel=1.1e-4)
 
 
-@pytest.mark.second
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("cars", "tau", "stretches", "greedy", "best"), CASES, ids=["O1", "O2", "O3"]
 )
@@ -152,6 +154,7 @@ def test_the_optimum_to_its_digits(cars, tau, stretches, greedy, best):
     assert found.distance >= best * (1 - 5e-5)  # nothing is better than what was found apart
 
 
+@pytest.mark.second
 def test_the_local_law_is_nearly_as_good_and_bears_a_wrong_strength():
     """Of what is to be gained on 8 axles nearly all with the right strength, most within three."""
     t = train(places(2), 1e-4)

@@ -205,6 +205,7 @@ def test_a_braked_car_stands_on_a_slope_and_starts_again_when_released(name):
     assert (v[-1] - v[-501]) / 0.5 == pytest.approx(pull, rel=0.01)
 
 
+@pytest.mark.second
 def test_a_car_slides_on_where_the_rail_does_not_carry_it():
     # 40 per mille down on ice, which carries 0.0286: it slides, and ever faster
     made = trip(duration=6.0, vehicle=replace(CAR, speed=1.0), rail=Track(

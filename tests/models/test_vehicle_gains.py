@@ -112,6 +112,7 @@ def test_no_motion_in_the_tube_is_worse_than_the_bounds(tmp_path, reference, goa
     assert (np.abs(told - change).max(axis=1) / fastest).max() <= met.slope
 
 
+@pytest.mark.second
 def test_what_is_late_decides(tmp_path, capsys):
     """The same gains hold with a prompt brake; 60 ms of lag and 20 ms of dead time refute them."""
     path = written(tmp_path)

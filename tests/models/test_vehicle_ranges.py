@@ -55,6 +55,7 @@ def written(folder: Path, text: str, *changes: tuple[str, str]) -> resolve.Study
     return resolve.load_study(str(file))
 
 
+@pytest.mark.second
 @pytest.mark.parametrize(
     "changes",
     [
@@ -89,7 +90,7 @@ def test_every_true_sample_is_believed(tmp_path, text, wheel, speed):
         assert log[name].values.all(), name
 
 
-@pytest.mark.second
+@pytest.mark.long
 @pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 def test_ten_wrong_wheel_speeds_do_nothing(tmp_path, text):
     """10 000 rad/s for ten ticks took super-twisting's torque off its course to the end."""
@@ -117,6 +118,7 @@ def test_ten_wrong_wheel_speeds_do_nothing(tmp_path, text):
         assert off.max() < 0.02 * 8000
 
 
+@pytest.mark.second
 def test_a_loop_that_sums_is_marked_once_for_the_proof(tmp_path, text):
     """Its functions are proven one by one, and some of its loops in pairs of turns."""
     study = written(tmp_path, text)

@@ -40,6 +40,7 @@ def margins(**options):
     return tightening(cart, speed, "F", given.pop("limited", "v"), **given)
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("chance", [0.8, 0.99])
 def test_in_closed_loop_the_limit_is_broken_as_often_as_was_said(chance):
     """The plan wants 2 m/s, so each next speed is planned at the limit, and noise decides."""

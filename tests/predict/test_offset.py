@@ -120,7 +120,7 @@ def test_an_input_without_effect_at_the_point_is_refused():
         slip(offset_free="mu_p", at={"q": 10.0, "T": 0.0, "u": 0.0})
 
 
-@pytest.mark.second
+@pytest.mark.long
 @pytest.mark.usefixtures("needs_compiler")
 def test_generated_c_estimates_too(tmp_path):
     block = make(horizon=4, offset_free="load")

@@ -59,7 +59,7 @@ def test_three_iterations_come_within_a_percent_of_the_converged_solution():
     assert not status.any()
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_ipopt_gives_the_converged_reference():
     total = closed_loop(make(solver="ipopt"), mismatch=True, ticks=250)[0]
     assert total == pytest.approx(843.85, abs=0.01)
@@ -101,7 +101,7 @@ def test_the_active_set_solves_the_same_qp_as_osqp(options, seed):
     assert ours["U"] == pytest.approx(theirs["U"], abs=2e-6)
 
 
-@pytest.mark.second
+@pytest.mark.long
 @settings(max_examples=25)
 @given(
     passes=st.integers(1, 3), peak=st.floats(0.05, 0.4), v=st.floats(1, 40), T=st.floats(0, 8),
@@ -194,6 +194,7 @@ def test_a_hard_limit_is_kept_where_a_control_can_and_given_up_by_the_least_wher
     assert (F, status) == (pytest.approx(-2.0, abs=1e-6), 0)  # a soft one is given up for its price
 
 
+@pytest.mark.second
 def test_problems_with_rates_and_hard_limits_cost_what_ipopt_says():
     """The axle over the change of rail, three iterations; IPOPT ends at 1e-8 of its conditions."""
     for name, ticks in (("rates", slice(54, 66)), ("hard", slice(0, 12))):
@@ -284,6 +285,7 @@ def test_a_deadline_makes_the_same_passes_in_every_tick_and_the_same_controls():
     assert np.abs(np.diff(tight[1])).max() <= 20 * 0.02 * (1 + 1e-12)
 
 
+@pytest.mark.second
 def test_a_broken_problem_holds_the_plan_and_recovers():
     """NaN in a measurement: status 2, the next control of the last plan; then afresh."""
     tick = Driver(make())
@@ -474,7 +476,7 @@ def test_a_plant_without_second_derivatives_is_refused():
         trajectory(plant, Scenario("go", 1.0), "u", "v")
 
 
-@pytest.mark.second
+@pytest.mark.long
 @pytest.mark.usefixtures("needs_compiler")
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_generated_c_repeats_the_controller(real, tmp_path):
@@ -509,6 +511,7 @@ def test_controls_of_parts_that_share_a_name():
         assert out[f"{n}_u"] == pytest.approx(one_axle(**case)[1]["u"], abs=1e-8)
 
 
+@pytest.mark.second
 def test_damping_shortens_the_steps_and_not_what_they_end_at():
     """One iteration from the first plan moves less the more it is damped; 40 end at one control."""
     at = dict(v=10.0, q=10.6, T=3.0, xi=0.0, mu_p=0.2, s_ref=0.02)

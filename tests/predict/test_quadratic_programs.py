@@ -46,6 +46,7 @@ def optimal(matrices, numbers, plan):
     return left / (1 + abs(g).max())
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("structure", STRUCTURES.values(), ids=STRUCTURES)
 def test_every_problem_is_solved_and_the_solution_is_that_of_osqp_and_qrqp(structure):
     """No status 1 in 200; at most 1e-6 from OSQP and qrqp where they are right to 1e-10."""

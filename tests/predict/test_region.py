@@ -80,6 +80,7 @@ def regulated(region, starts, ticks):
     return np.array(found)
 
 
+@pytest.mark.second
 def test_v_falls_from_every_start_inside_and_rises_from_the_counterexample(wide):
     """The model is written a second time; proved and refuted levels are 1 % apart."""
     assert wide.contracting < wide.level <= wide.beyond < 1.01 * wide.level
@@ -111,6 +112,7 @@ def test_a_limit_that_bends_is_enclosed(wide):
     assert 0.99 * least < found.level <= least <= found.beyond < 1.01 * least
 
 
+@pytest.mark.second
 def test_a_plan_that_has_to_end_inside_brings_a_short_horizon_up(wide):
     """Four stages: the end is held in the region, or told where no torque leads there."""
     point = dict(terminal="lqr", at={"a": 0.0})

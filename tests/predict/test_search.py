@@ -41,7 +41,7 @@ def test_a_search_comes_down_where_whole_steps_go_back_and_forth():
     assert found["status"] == 0
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_where_whole_steps_come_down_it_ends_at_the_same_cost():
     cost = closed_loop(slip(iterations=10, search=True), mismatch=True)[0]
     assert cost == pytest.approx(843.8535, abs=1e-3)

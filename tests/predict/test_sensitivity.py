@@ -72,6 +72,7 @@ def loop(**parts):
 SCENARIO = Scenario("go", 1.0, inputs={"mu_p": 0.3, "s_ref": 0.02})
 
 
+@pytest.mark.second
 def test_slopes_of_a_closed_loop_are_central_differences():
     """Through plan, active set and plant, 50 ticks; 1e-4: rounding of slopes of 3e-4."""
     names = ["ctl.weight_e_u", "ctl.plant.J", "plant.m_q"]

@@ -47,6 +47,7 @@ def test_a_bound_that_falls_after_preparing_acts_in_this_tick():
     assert tick(10, 10.05, 3.0, 0, 0.3, 0.02, 0.5)[0] == pytest.approx(0.5)
 
 
+@pytest.mark.second
 def test_c_has_two_functions_that_give_the_bits_of_step(tmp_path):
     """And a part that cannot be prepared is made with the tick."""
     block = make(horizon=5, rescue=0, passes=4, split=True)

@@ -173,6 +173,7 @@ def by_hand(n, crossover, generations, seed, c, a, b, lo=0.01, hi=10.0, F0=0.5):
     return rng, members[best], values[best]
 
 
+@pytest.mark.second
 @given(
     n=st.integers(4, 23),
     crossover=st.sampled_from([0.0, 0.3, 0.6, 1.0]),
@@ -295,6 +296,7 @@ def test_ticks_that_do_not_divide_the_search():
 # ---- in C ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.second
 @pytest.mark.parametrize(
     "options",
     [{}, {"population": 47, "crossover": 1.0}, {"generations_per_tick": 60},

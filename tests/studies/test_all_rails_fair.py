@@ -84,6 +84,7 @@ def test_tables_add_up() -> None:
     assert set(rows["efc"]) == {0.0}
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("needs_compiler")
 def test_a_law_is_tuned_judged_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A short run of one law; the second start reads it, and its numbers are plain."""
@@ -109,6 +110,7 @@ def test_a_law_is_tuned_judged_and_kept(tmp_path: Path, monkeypatch: pytest.Monk
     assert json.loads(next(tmp_path.glob("*.json")).read_text())["found"] == found
 
 
+@pytest.mark.long
 def test_every_free_number_does_something(monkeypatch: pytest.MonkeyPatch) -> None:
     """A law whose free numbers were idle would not be tuned; PID had such ones."""
     monkeypatch.setitem(VEHICLES, "subway", VEHICLES["subway"]._replace(length=0.2))

@@ -38,6 +38,7 @@ def test_hst_braking_lies_between_the_bound_and_every_loop():
     assert float(table.doc.rpartition(" by ")[2].split()[0]) <= 1e-4
 
 
+@pytest.mark.long
 def test_no_loop_of_the_freight_train_goes_farther_than_the_optimum():
     """Traction: the longest way. Every seeker loses way while it seeks."""
     cases = freight.cases(freight.MODELS, quick=True)

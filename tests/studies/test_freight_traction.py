@@ -94,6 +94,7 @@ def test_seekers_tell_their_ripple():
 # ---- barrier -------------------------------------------------------------------------------------
 
 
+@pytest.mark.second
 def test_robust_form_holds_what_it_must():
     table = barrier.kept(context())
     rows = list(zip(table["law"], table["barrier held"], table["lag"], strict=True))
@@ -102,6 +103,7 @@ def test_robust_form_holds_what_it_must():
     assert not all(held for law, held, _ in rows if law == "consistent")
 
 
+@pytest.mark.second
 def test_lag_at_a_rail_change():
     """Below the bound with the torque there is no law comes; back inside in 0.2 s."""
     table = barrier.lagged(context())["summary"]
@@ -151,6 +153,7 @@ def test_authority_of_the_motor():
     assert bounds.lag_excursion(5.84, 0.02, 50.6) == pytest.approx(0.0070, abs=5e-5)
 
 
+@pytest.mark.second
 @pytest.mark.skipif(build.compiler() is None, reason="no C compiler on this machine")
 @pytest.mark.parametrize(
     ("scenario", "name"),

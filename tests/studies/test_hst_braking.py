@@ -41,6 +41,7 @@ def distance(scenario: str, name: str) -> float:
     return experiments.distance(log(scenario, name))
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("setting", ["wheel.v=150km/h", "v_start=150km/h"])
 def test_another_speed_reaches_filter_and_meter(setting: str) -> None:
     """207.694 m was the distance while they began at the study's speed; it was 205.906 m with all
@@ -64,7 +65,7 @@ def test_bounds_agree_with_the_closed_form():
     assert closed_form_distance(fixed) == pytest.approx(257.5260, abs=5e-5)
 
 
-@pytest.mark.second
+@pytest.mark.long
 @pytest.mark.parametrize("scenario", ["base", "noise", "resistance"])
 def test_no_loop_beats_the_bound(scenario):
     case = next(c for c in context().cases if c.scenario.name == scenario)
@@ -117,6 +118,7 @@ def test_best_slip_without_a_prior():
         assert off("eppfc_free", 1e-3, seed)[2250:4000].max() <= 0.01
 
 
+@pytest.mark.second
 def test_bound_forbids_50_ms_without_a_prior():
     lam = log("base", "eppfc_free")["plant.wheel.lam"].values[2000:]
     snow = RAILS["snow"]
@@ -166,6 +168,7 @@ def test_term_of_7_is_needed_where_the_certificate_says():
 # ---- standstill, locked wheel, random rails ------------------------------------------------------
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("name", ["eppfc", "eppfc_estimated"])
 def test_to_standstill_on_snow_without_lock(name):
     run = log("standstill_snow", name)
@@ -196,7 +199,7 @@ def test_random_rails_are_what_they_say():
     assert all(0.5 <= length <= 3 for length, _ in run)
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_random_runs_lock_no_wheel_and_beat_no_bound():
     table = experiments.random_rails(context())["random_rails"]
     assert list(table["broke"]) == [0] * len(random_rails.RANDOM)
@@ -235,6 +238,7 @@ def verdict(id: str, r: Results) -> tuple[str, str]:
     return found.verdict, found.why
 
 
+@pytest.mark.second
 def test_overshoot_is_that_of_the_torque():
     """The paper's sentence is on Fig. 9, the torque; the slip's has its own row."""
     r = results()

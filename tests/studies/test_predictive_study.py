@@ -88,6 +88,7 @@ def test_a_plain_run_does_the_experiments_that_the_study_names(monkeypatch, tmp_
     assert '"b"' not in text
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("needs_compiler")
 def test_what_ipopt_calls_is_compiled_or_the_study_says_that_it_is_not(monkeypatch, tmp_path):
     """The same numbers either way; ours and OSQP's are never compiled there."""

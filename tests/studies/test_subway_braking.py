@@ -41,6 +41,7 @@ def verdict(id: str, r: Results) -> tuple[str, str]:
 
 
 # ---- with the paper's own gains and estimator ----------------------------------------------------
+@pytest.mark.second
 def test_printed_gains_chatter_more_than_the_law_they_shall_replace():
     r = results()
     assert verdict("chattering_eliminated", r)[0] == "not reproduced"

@@ -52,6 +52,7 @@ def test_random_sections_are_found_within_half_a_second():
     assert max(estimate for estimate, _, _ in sections.outcomes(log, drawn)) <= 0.5
 
 
+@pytest.mark.second
 @pytest.mark.parametrize(("memory", "found"), [(1, False), (32, True)])
 def test_the_rail_that_one_residual_is_blind_to(memory, found):
     log = sections.drive(online(memory), list(BLIND), 0.0, 1)

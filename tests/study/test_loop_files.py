@@ -31,7 +31,7 @@ def load(text, path):
     return trip_files.load(str(path))
 
 
-@pytest.mark.second
+@pytest.mark.long
 @pytest.mark.parametrize("name", STUDIES)
 def test_loops_of_a_study_are_written_out_and_run_to_their_bits(name, built, tmp_path):
     tried = set()
@@ -60,6 +60,7 @@ def test_loops_of_a_study_are_written_out_and_run_to_their_bits(name, built, tmp
                 assert np.array_equal(a[n].values, b[n].values, equal_nan=True), (where, n)
 
 
+@pytest.mark.second
 def test_what_is_edited_is_what_runs(tmp_path):
     text = loop_files.loop_file_text("hst_braking:eppfc", "own.toml")
     read = tomllib.loads(text)

@@ -81,7 +81,7 @@ def test_new_writes_a_file_and_its_schema_and_never_over_another(tmp_path, monke
     assert "did you mean 'metro'" in capsys.readouterr().err
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_show_and_certify_know_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("metro.toml").write_text(METRO, encoding="utf-8")
@@ -195,6 +195,7 @@ def test_an_altered_file_is_read_or_refused(tmp_path_factory, data):
     assert isinstance(found, (parts.Trip, BadInput))
 
 
+@pytest.mark.second
 def test_what_the_loops_of_a_file_have_in_common_is_made_and_drawn_once(tmp_path, monkeypatch):
     from slipctl.draw.diagrams import diagram
     from slipctl.models.vehicle import trip as made
@@ -262,6 +263,7 @@ kind = "pid"
 """
 
 
+@pytest.mark.second
 def test_some_driven_axles_on_a_rail_of_ones_own(tmp_path, monkeypatch, capsys):
     """The first axle stands on ice and the others on dry rail, each is told by its own rail; slip
     is that of the driven axles, and a wheel that spins does not lock."""

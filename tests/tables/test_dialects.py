@@ -63,6 +63,7 @@ def verdict(seed: int, file: Path) -> str:
     return "right" if is_true(t, v) else "wrong"
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("block", range(10))
 def test_a_log_is_read_right_or_refused(block: int, tmp_path: Path) -> None:
     """200 dialects of one log; at most a third are refused."""

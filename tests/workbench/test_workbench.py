@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import shlex
 import shutil
+import time
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,6 +19,7 @@ from slipctl import BadInput, registry, simulate
 from slipctl.study import resolve
 from slipctl.workbench import curves, gain_regions, laws, saved_files, sliders, texts
 from slipctl.workbench.answers import KINDS, Answers
+from slipctl.workbench.command_lines import command_words, replayed_curves, run_command
 from slipctl.workbench.desk import Desk, command_of
 
 METRO = registry.folder("models") / "vehicle" / "files" / "metro.toml"
@@ -263,7 +266,7 @@ def test_completion_offers_what_is_declared():
     assert "[limits]" in offered(TEXT, "[rail]")
 
 
-@pytest.mark.second
+@pytest.mark.long
 @settings(max_examples=20)
 @given(st.data())
 def test_no_edit_of_a_text_is_a_traceback(data):
@@ -298,7 +301,7 @@ def test_what_has_no_line_of_its_own_is_not_changed(keys):
 # ---- files --------------------------------------------------------------------------------------
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_saving_writes_the_number_at_its_key_and_keeps_comments(metro):
     numbers = {"ctl.law.law.k1": 25.0, "tau": 0.08}
     done = saved_files.save_desk(metro, "", metro.text, numbers)
@@ -311,6 +314,7 @@ def test_saving_writes_the_number_at_its_key_and_keeps_comments(metro):
     assert float(again["tau"]) == pytest.approx(0.08)
 
 
+@pytest.mark.second
 def test_a_number_without_a_key_is_refused_and_nothing_written(metro):
     with pytest.raises(BadInput, match=r"no key of metro\.toml sets ctl\.estimator\.gate"):
         saved_files.save_desk(metro, "", metro.text, {"ctl.estimator.gate": 5.0})
@@ -356,3 +360,74 @@ def test_a_question_that_makes_no_sense_is_answered_in_words(metro, kind, more):
     for head, _ in answered(Answers(metro), kind=kind, **more):
         for line in head.get("faults", []):
             assert "fault of slipctl" not in line, line
+
+
+# ---- commands -----------------------------------------------------------------------------------
+
+
+def test_commands_of_the_page_are_lines_that_a_person_can_repeat(metro):
+    rig = metro.rig()
+    given = {"ranges": ["ctl.law.law.k1=10:30"], "metric": "stopping_distance", "draws": 3}
+    words, out = command_words("tune", metro, rig, {"m": 40e3}, given)
+    assert shlex.join(words) == (
+        "tune metro.toml:super_twisting --samples 3 --free ctl.law.law.k1=10:30"
+        f" --minimise stopping_distance --set 'm=40000.0 kg' --out {out}"
+    )
+    assert out.parent == metro.folder / "out"
+
+
+@pytest.mark.parametrize(
+    ("kind", "given"),
+    [
+        ("tune", {"ranges": ["--out=/tmp"], "metric": "distance"}),
+        ("tune", {"ranges": [], "metric": "distance"}),
+        ("tune", {"ranges": ["a=1:2"], "metric": "--json"}),
+        ("sweep", {"ranges": "a=1:2"}),
+        ("sweep", {"ranges": ["a=1:2"] * 99}),
+        ("sweep", {"draws": 0}),
+        ("sweep", {"draws": 1e9}),
+        ("replay", {"log": "../../etc/passwd", "part": "ctl"}),
+        ("replay", {"log": "a.csv", "part": "--with"}),
+        ("replay", {"log": "a.csv", "part": "ctl", "columns": ["-v"]}),
+    ],
+)
+def test_no_question_adds_an_option_or_leaves_the_folder(metro, kind, given):
+    with pytest.raises(BadInput):
+        command_words(kind, metro, metro.rig(), {}, given)
+
+
+def test_a_command_of_what_is_not_saved_is_refused(metro):
+    found = answered(Answers(metro), kind="command", command="sweep", text=TEXT + "\n")
+    assert "save the text first" in found[-1][0]["faults"][0]
+
+
+@pytest.mark.second
+def test_a_replay_gives_the_curves_of_the_run_that_it_records(metro):
+    """A log of the law's own inputs, replayed, is what the law gave."""
+    text = "mu = c*v_s where v_s [m/s], c = 0.5 s/m"
+    times = np.arange(0.0, 1.0, 0.01)
+    rows = "".join(f"{t:.2f},{t:.4f},{0.5 * t:.4f}\n" for t in times)
+    (metro.folder / "log.csv").write_text("time [s],v_s [m/s],mu\n" + rows)
+    out = metro.folder / "out" / "x"
+    words = ["replay", "log.csv", "--with", text, "--beside", "mu=mu", "--out", str(out)]
+    said = list(run_command(words, metro))[-1]["said"]
+    assert "100 ticks" in said
+    curves = replayed_curves(out)
+    panel = next(p for p in curves.panels if p.name == "mu")
+    assert [s.name for s in panel.series] == ["computed", "recorded"]
+    assert panel.series[0].values == pytest.approx(0.5 * times, abs=1e-9)
+    assert panel.series[1].values == pytest.approx(0.5 * times, abs=1e-9)
+
+
+@pytest.mark.second
+def test_a_command_that_is_stopped_keeps_what_it_has(metro):
+    words = ["sweep", "subway_braking:sta", "--vary", "m=28t:38t", "--samples", "5000",
+             "--jobs", "1", "--out", "out/s"]  # fmt: skip
+    going = run_command(words, metro)
+    for said in going:
+        if "%" in said.get("progress", ""):
+            break
+    begun = time.monotonic()
+    going.close()
+    assert time.monotonic() - begun < 15
+    assert list((metro.folder / "out" / "s").glob("*.sqlite"))

@@ -262,7 +262,7 @@ def test_raw_bytes_do_not_end_the_server(server):
     assert asked(server, f"/?{token(server)}")[0].status == 303
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_a_law_that_takes_too_long_is_stopped_and_the_page_lives(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "slow.py").write_text("import time\ntime.sleep(600)\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import threading
 import time
@@ -9,15 +10,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from slipctl.workbench.answers import KINDS, LONG
+from slipctl.workbench.answers import KINDS, LANES
 from slipctl.workbench.curves import frame
 from slipctl.workbench.web.worker import serve
 
 PATIENCE = 20.0
 """Seconds that a piece of work may take; the process is ended then, and a new one begins."""
 
-LONGER = 300.0
-"""The same, of work that compiles or counts."""
+LIMITS = {"slow": 300.0, "command": math.inf}
+"""The same, of work that compiles or counts; a command ends when it is stopped."""
 
 Send = Callable[[str, bytes], None]
 """Called, from a thread, with the kind of an answer and its frame."""
@@ -143,7 +144,7 @@ class Worker:
             if step is None:
                 continue
             kind, since = step
-            limit = LONGER if kind in LONG else self.opening.patience
+            limit = LIMITS.get(LANES.get(kind, "first"), self.opening.patience)
             if time.monotonic() - since > limit:
                 self._step = None
                 self._say(kind, f"it took longer than {limit:g} s and was stopped")
@@ -164,7 +165,7 @@ class Worker:
 
 @dataclass
 class Window:
-    """Processes of a window: one answers while a person edits, one does what takes long.
+    """Processes of a window: one for what is edited, one for what takes long, one for commands.
 
     Attributes:
         opening: what is open. send: gets the answers.
@@ -172,20 +173,20 @@ class Window:
 
     opening: Opening
     send: Send
-    _workers: dict[bool, Worker] = field(default_factory=dict)
+    _workers: dict[str, Worker] = field(default_factory=dict)
 
     def ask(self, request: Mapping[str, Any]) -> None:
         """Hand on a question."""
-        slow = request.get("kind") in LONG
-        if slow not in self._workers:
-            self._workers[slow] = Worker(
-                self.opening, lambda kind, data: self.send(kind, data), limited=not slow
+        lane = LANES.get(str(request.get("kind")), "first")
+        if lane not in self._workers:
+            self._workers[lane] = Worker(
+                self.opening, lambda kind, data: self.send(kind, data), limited=lane == "first"
             )
-        self._workers[slow].ask(request)
+        self._workers[lane].ask(request)
 
     def warm(self) -> Window:
         """The same, with a process that already reads what is open."""
-        if False not in self._workers:
+        if "first" not in self._workers:
             self.ask({"kind": "model", "id": 0})
         return self
 
@@ -200,4 +201,4 @@ class Window:
         self._workers.clear()
 
 
-assert set(LONG) <= set(KINDS)
+assert set(LANES) <= set(KINDS)

@@ -1,6 +1,7 @@
 // The page: what was changed goes to the server, what it answers to its place.
 
 import { at, fill, make } from "./dom.js";
+import { Commands } from "./commands.js";
 import { Editor } from "./editor.js";
 import { showBlock, showLaw } from "./law.js";
 import { Plots, curvesOf, timeText } from "./plots.js";
@@ -9,6 +10,7 @@ import { exactWords, showC, showEffects, showEnsemble, showFaults, showMetrics, 
 import { Sliders } from "./sliders.js";
 import { Talk } from "./socket.js";
 import { State } from "./state.js";
+import { followTheme } from "./theme.js";
 import { Track } from "./track.js";
 
 const talk = new Talk();
@@ -137,6 +139,8 @@ talk.on("model", (head) => {
   const numbers = Object.fromEntries(Object.entries(state.now.numbers).filter(([n]) => known.has(n)));
   state.now = { ...state.now, numbers };
   sliders.set(head.sliders, numbers);
+  commands.offer(head.sliders.filter((/** @type {any} */ s) => s.group === "law").slice(0, 2)
+    .map((/** @type {any} */ s) => [s.name, s.left, s.right]));
   fill(at("gains"), ...head.certificates.names.map((/** @type {string} */ n) => make("option", { value: n }, n)));
   at("gains").hidden = !head.certificates.names.length;
   at("draws").disabled = !head.ensemble;
@@ -172,6 +176,7 @@ talk.on("run", (head, columns) => {
   } else if (head.metrics) {
     metrics = head.metrics;
     command = head.command;
+    commands.goals(head.metrics);
     showMetrics(head.metrics, before, pinned);
     at("state").dataset.done = String(head.id);
   }
@@ -200,7 +205,11 @@ talk.on("block", (head) => (head.block ? showBlock(head.block, (path) => talk.as
 talk.on("verdict", (head) => (head.verdict ? showVerdict(head.verdict) : showFaults("verdict", head.faults)));
 talk.on("region", (head) => {
   if (head.faults) showFaults("region-words", head.faults);
-  else if (head.region) region.add(head.region);
+  else if (head.region) {
+    region.add(head.region);
+    const { x, y } = head.region;
+    if (x) commands.offer([x, y].map((a) => [a.at, a.values[0], a.values[a.values.length - 1]]));
+  }
 });
 talk.on("effects", (head) => {
   if (head.effect) effects.push(head.effect);
@@ -221,7 +230,11 @@ talk.on("save", (head) => {
   }
   note([`saved ${head.file}`, ...head.notes].join("; "));
 });
-talk.on("report", (head) => (head.faults ? tell(head.faults[0]) : note(`report: ${head.file}`)));
+const commands = new Commands((what) => talk.send("command", { ...about(), ...what }), (found) => state.set({ numbers: { ...state.now.numbers, ...found } }, "found"), note);
+talk.on("command", (head, columns) => {
+  if (head.rows) plots.show(curvesOf(head, columns), 1);
+  else commands.hear(head);
+});
 talk.on("refused", (head) => tell(head.faults[0]));
 
 // ---- what a person does ----
@@ -250,7 +263,6 @@ at("unpin").addEventListener("click", () => {
 });
 const save = () => { tell("saving"); talk.ask("save", { ...about(), name: "" }); };
 at("save").addEventListener("click", save);
-at("report").addEventListener("click", () => { tell("writing the report"); talk.ask("report", about()); });
 at("copy").addEventListener("click", () => { navigator.clipboard?.writeText(command).catch(() => undefined); tell(command); });
 at("draws").addEventListener("click", () => { fill(at("ensemble"), "drawing"); talk.ask("draws", about()); });
 at("effects-ask").addEventListener("click", () => { effects = []; showEffects([], "working it out"); talk.ask("effects", about()); });
@@ -270,19 +282,11 @@ for (const tab of document.querySelectorAll("[data-tab]")) {
     if (name === "block") talk.ask("block", about());
   });
 }
-const dark = matchMedia("(prefers-color-scheme: dark)");
-const theme = (/** @type {string} */ name) => {
-  document.documentElement.dataset.theme = name;
+followTheme(() => {
   plots.redraw();
   track.draw();
   region.draw();
   if (!at("law").hidden) talk.ask("law", about());
-};
-theme(localStorage.getItem("theme") ?? (dark.matches ? "dark" : "light"));
-at("theme").addEventListener("click", () => {
-  const name = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
-  localStorage.setItem("theme", name);
-  theme(name);
 });
 addEventListener("keydown", (event) => {
   if (!event.ctrlKey && !event.metaKey) return;

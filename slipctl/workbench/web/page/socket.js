@@ -60,6 +60,12 @@ export class Talk {
     return this.number;
   }
 
+  /** Ask what goes on for long: its answers are heard after a reload too.
+   * @param {string} kind @param {Head} what */
+  send(kind, what) {
+    this.socket?.send(JSON.stringify({ kind, id: 0, ...what }));
+  }
+
   /** @param {ArrayBuffer} data */
   hear(data) {
     const { head, columns } = decode(data);

@@ -1,0 +1,186 @@
+"""What the command line does for the page: report, tune, sweep and replay, told while they run.
+
+Each runs as a process of its own, as a person would run it in the folder, and goes on if the page
+is closed: it writes into its folder below ``out/``, and the same line takes up what is there.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from slipctl.block.units.unit_algebra import parse_quantity
+from slipctl.errors import BadInput
+from slipctl.workbench.curves import Curves, Panel, Series
+from slipctl.workbench.desk import numbers_in_words
+
+if TYPE_CHECKING:
+    from slipctl.workbench.desk import Desk, Rig
+
+LINES = 12
+"""Texts of a question at most: ranges, columns."""
+
+MOST_DRAWS = 100_000
+"""Draws of a search or a sweep at most."""
+
+NAMED = re.compile(r"[A-Za-z_][\w.]*=\S[^\n]*")
+"""``name=something``, which no option of the command line is."""
+
+PATIENCE = 15.0
+"""Seconds that a command has to keep what it found, when it is stopped."""
+
+
+def command_words(
+    kind: str, desk: Desk, rig: Rig, numbers: Mapping[str, float], request: Mapping[str, Any]
+) -> tuple[list[str], Path]:
+    """Words of a command behind ``slipctl``, and the folder that it writes.
+
+    Args:
+        kind: ``report``, ``tune``, ``sweep``, ``replay``. desk, rig: what is open.
+        numbers: that were moved. request: ``ranges`` (``name=lo:hi``), ``metric``, ``draws`` of a
+            search or sweep; ``log``, ``part``, ``columns`` (``input=column``) and ``beside``
+            (``output=column``) of a replay.
+
+    Raises:
+        BadInput: something is missing, or is none.
+    """
+    where = f"@{desk.scenario}" if desk.scenario else ""
+    plain = re.sub(r"\W", "_", f"{rig.study.name}_{rig.name}")
+    out = desk.within(f"out/{plain}_{kind}", "")
+    moved = numbers_in_words(numbers, rig.sliders)
+    made = ["--set", *moved] if moved else []
+    if kind == "report":
+        words = ["run", desk.home, "--loop", rig.name]
+        words += ["--scenario", desk.scenario] if desk.scenario else []
+    elif kind == "replay":
+        log = desk.within(_word(request, "log", "the name of a log in the folder"), "")
+        part = _word(request, "part", "a part of the loop, such as ctl")
+        words = ["replay", str(log), "--with", f"{desk.home}:{rig.name}.{part}"]
+        for option, key in (("--map", "columns"), ("--beside", "beside")):
+            given = _texts(request, key)
+            words += [option, *given] if given else []
+        made = []
+    else:
+        ranges = _texts(request, "ranges")
+        if not ranges and kind == "tune":
+            raise BadInput("a search needs a number with its range, such as ctl.law.K=5:50")
+        words = [kind, f"{desk.home}:{rig.name}{where}", "--samples", str(_draws(request))]
+        words += [{"tune": "--free", "sweep": "--vary"}[kind], *ranges] if ranges else []
+        if kind == "tune":
+            words += ["--minimise", _word(request, "metric", "a metric")]
+    return [*words, *made, "--out", str(out)], out
+
+
+def _word(request: Mapping[str, Any], key: str, what: str) -> str:
+    found = request.get(key)
+    if not isinstance(found, str) or not found.strip() or len(found) > 200 or found[0] == "-":
+        raise BadInput(f"{key} must be {what}")
+    return found.strip()
+
+
+def _texts(request: Mapping[str, Any], key: str) -> list[str]:
+    """Texts of a question, none of them an option of the command line."""
+    found = request.get(key) or []
+    plain = isinstance(found, list) and len(found) <= LINES
+    if not plain or not all(isinstance(t, str) and len(t) <= 200 for t in found):
+        raise BadInput(f"{key} must be at most {LINES} texts, name=...")
+    for text in found:
+        if not NAMED.fullmatch(text.strip()):
+            raise BadInput(f"{text!r}: write name=lo:hi, or input=column")
+    return [t.strip() for t in found]
+
+
+def _draws(request: Mapping[str, Any]) -> int:
+    found = request.get("draws", 20)
+    if not isinstance(found, int) or not 1 <= found <= MOST_DRAWS:
+        raise BadInput(f"draws must be a whole number from 1 to {MOST_DRAWS}")
+    return found
+
+
+def run_command(words: list[str], desk: Desk) -> Iterator[dict[str, Any]]:
+    """Run a command in the folder that is open; ending the iterator stops it and keeps its results.
+
+    Args:
+        words: behind ``slipctl``.
+
+    Yields:
+        ``progress``, the last line that it told, when that is a new one; nothing meanwhile; at last
+        ``said``, what it printed.
+
+    Raises:
+        BadInput: it was refused.
+    """
+    environment = os.environ | {"SLIPCTL_PROGRESS": "1"}
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
+        printed, told = Path(scratch) / "printed", Path(scratch) / "told"
+        with printed.open("wb") as out, told.open("wb") as err:
+            going = subprocess.Popen(
+                [sys.executable, "-m", "slipctl", *words], stdin=subprocess.DEVNULL, stdout=out,
+                stderr=err, env=environment,
+            )  # fmt: skip
+        try:
+            last = ""
+            while going.poll() is None:
+                time.sleep(0.05)
+                line = _last_line(told)
+                yield {"progress": line} if line != last else {}
+                last = line
+        finally:
+            if going.poll() is None:
+                going.terminate()
+                with suppress(subprocess.TimeoutExpired):
+                    going.wait(PATIENCE)
+                going.kill()
+        if going.returncode == 2:
+            raise BadInput(_last_line(told) or "it was refused")
+        said = printed.read_text(errors="replace") or told.read_text(errors="replace")
+        yield {"said": said[-20_000:], "command": shlex.join(["slipctl", *words])}
+
+
+def _last_line(file: Path) -> str:
+    text = file.read_text(errors="replace").rstrip().rpartition("\n")[2]
+    return text.removeprefix("slipctl: ")
+
+
+def found_gains(out: Path) -> dict[str, float]:
+    """Numbers of ``gains.toml`` in SI, as sliders have them."""
+    path = out / "gains.toml"
+    if not path.is_file():
+        return {}
+    found = tomllib.loads(path.read_text(encoding="utf-8"))["gains"]
+    return {name: _number(text) for name, text in found.items()}
+
+
+def _number(text: Any) -> float:
+    number, _, unit = str(text).partition(" ")
+    return parse_quantity(str(text), unit or "1") if unit else float(number)
+
+
+def replayed_curves(out: Path) -> Curves:
+    """Curves of ``replay.csv``: a panel for each signal, its recording beside it."""
+    path = out / "replay.csv"
+    heads = path.read_text(encoding="utf-8").partition("\n")[0].split(",")
+    table = np.genfromtxt(path, delimiter=",", skip_header=1, ndmin=2)
+    panels: dict[str, Panel] = {}
+    for head, values in zip(heads[1:], table.T[1:], strict=True):
+        name, _, unit = head.strip('"').removesuffix("]").rpartition(" [")
+        signal_name = name.removesuffix(" recorded").removesuffix(" residual")
+        panel = panels.setdefault(signal_name, Panel(signal_name, unit))
+        if not name.endswith(" residual"):
+            recorded = name.endswith(" recorded")
+            panel.series.append(Series("recorded" if recorded else "computed", 0,
+                                       "best" if recorded else "main", values))  # fmt: skip
+    compared = sorted(panels.values(), key=lambda p: -len(p.series))
+    return Curves(table[:, 0], compared, [])
