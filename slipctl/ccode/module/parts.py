@@ -18,20 +18,23 @@ from slipctl.block.block import Block
 from slipctl.block.connection import evaluation_order
 from slipctl.block.signals import Signal
 from slipctl.ccode.module.comments import FILE, comment, of_one_file, with_origins
-from slipctl.ccode.module.layout import Copy, c_name
-from slipctl.ccode.module.shapes import dense_value, matrix
+from slipctl.ccode.module.layout import Copy, c_name, dense_value, matrix
 from slipctl.ccode.module.wires import (
+    NO_END,
     POINTERS,
     Place,
     Wires,
     array_of,
-    copied,
+    begins_anew,
+    copy_lines,
+    gate_of,
+    is_copies,
     local_name,
     named_equations,
     own_pointers,
+    runs_of,
     vector_of,
 )
-from slipctl.ccode.module.wrappers import NO_END, begins_anew, gate_of, is_copies, runs_of
 from slipctl.ccode.passes.letters import Told, letters
 from slipctl.ccode.passes.local_names import name_locals
 from slipctl.ccode.passes.member_results import copy_statements, place_locals
@@ -124,7 +127,7 @@ class Parts:
 
     def _copy(self, lines: list[Node], to: Place, source: Place) -> None:
         """Give an output the value of what stands elsewhere."""
-        lines += copied(to, source)
+        lines += copy_lines(to, source)
         for k in range(to[0].size):
             known = self._can_be(source, k)
             own = source[0].node(source[1], k)

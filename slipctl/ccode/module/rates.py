@@ -49,7 +49,7 @@ def groups(plan: Plan) -> tuple[Group, ...]:
         raise BadInput(
             f"--rates: {plan.block.name} is written as a whole, not part by part; leave it out"
         )
-    rates = [made.ticks.get(called(line), 1) for line in made.lines]
+    rates = [made.ticks.get(called_function(line), 1) for line in made.lines]
     if set(rates) <= {1}:
         why = "; its copies run every few ticks, but each in another tick" * bool(plan.counters)
         raise BadInput(f"--rates: all of {plan.block.name} runs in every tick{why}; leave it out")
@@ -67,7 +67,7 @@ def groups(plan: Plan) -> tuple[Group, ...]:
     return tuple(found)
 
 
-def called(line: Node) -> str:
+def called_function(line: Node) -> str:
     """Function that a line of the equations calls, in a loop over copies too."""
     return next((n.head for n in line.walk() if n.kind == "call"), "")
 
@@ -181,7 +181,10 @@ def rate_docs(plan: Plan) -> dict[str, str]:
     found = {}
     for k, g in enumerate(row):
         when = "every tick" if g.ticks == 1 else f"every {g.ticks}th tick"
-        parts = ", ".join(n for x in g.calls if (n := called(x)) not in ("", "copy")) or "no part"
+        parts = (
+            ", ".join(n for x in g.calls if (n := called_function(x)) not in ("", "copy"))
+            or "no part"
+        )
         found[g.name] = (
             f"A piece of the tick: {parts}; for {when}. Together, in the order {listed}, they do"
             f" what {plan.name}_step does, to the bit. What is left out the next of them does."

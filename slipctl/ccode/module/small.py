@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
+from typing import Any
 
 from slipctl.ccode.module import guard
 from slipctl.ccode.tree import nodes as c
@@ -75,7 +76,7 @@ _SMALL = {
 }
 """Small functions; one that calls another stands before it."""
 
-_RULES = {
+_RULES: dict[str, tuple[Any, list[str], list[str]]] = {
     "later": (guard.counter_after, ["tick", "missed", "ticks"], []),
 }
 """Rules that come before what a function says: what they read and write."""

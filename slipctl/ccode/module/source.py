@@ -24,9 +24,8 @@ from slipctl.ccode.module.guard_functions import (
 )
 from slipctl.ccode.module.header import head, prototype, prototypes
 from slipctl.ccode.module.kernel import Kernel, definitions
-from slipctl.ccode.module.layout import Member, own_name
+from slipctl.ccode.module.layout import Member, c_elements, own_name
 from slipctl.ccode.module.plan import Plan, first_sentence
-from slipctl.ccode.module.shapes import c_elements
 from slipctl.ccode.module.small import small_functions
 from slipctl.ccode.passes.part_structs import nest_parts
 from slipctl.ccode.passes.precision import in_precision
