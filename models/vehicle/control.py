@@ -294,7 +294,7 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     common = {k for k, source in wires.items() if source in one} | {"fall.a_R", "probe.limit"}
     copies = {
         name: replicate(block, axles, [n for n in block.inputs if f"{name}.{n}" in common],
-                        [n for n in block.params if f"{name}.{n}" == BEHIND])
+                        [n for n in block.params if f"{name}.{n}" == BEHIND], spread=True)
         for name, block in parts.items()
     }  # fmt: skip
     judge = trust(axles, driven, **of_inputs(trip, w))
@@ -377,7 +377,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
     always = type(trip.demand).__name__ == "Most"
     parts: dict[str, Block] = {
         "slip": slip_from_speeds(trip.vehicle.mode == "drive"),
-        "meter": sensors.adhesion_meter(window=ticks_of(WINDOW, trip), torque="sampled"),
+        "meter": sensors.adhesion_meter(ticks_of(WINDOW, trip), "sampled", noise=False),
         "force": form.force,
         "fall": form.fall,
         "law": contained_block(law_block if gated_inside else gated(law_block)),
