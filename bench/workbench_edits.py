@@ -1,6 +1,6 @@
 """Edits of a file and questions that make no sense: ``python -m bench.workbench_edits``.
 
-Each edit cuts, doubles, swaps or spoils a piece of the shipped files, as typing passes through; the
+Each edit cuts, doubles, swaps or spoils a piece of the shipped files, as typing passes through. The
 page must tell faults at a line, or none, and never end in a fault of slipctl. Each question is one
 of the page with wrong kinds and values in it. The folder must hold the same files afterwards.
 """

@@ -79,7 +79,7 @@ def answers(part: Block, number: int) -> dict[tuple[str, str], str]:
     rng = np.random.default_rng(zlib.crc32(f"{part.name} {number}".encode()))
     f = part.function()
     names = [n.partition("_")[2] for n in f.name_in()]
-    own = {s.name.replace(".", "_"): s for s in part.signals if s.role != "output"}
+    own = {s.name.replace(".", "_").rstrip("_"): s for s in part.signals if s.role != "output"}
     missing = {n: min(max(2.0, s.lo), s.hi) for n, s in part.params.items() if s.value is None}
     numbered = part.with_params(**missing) if missing else part
     now = {n: s.value for n, s in part.inputs.items()}

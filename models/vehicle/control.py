@@ -68,7 +68,7 @@ from slipctl.models.vehicle.parts import (
 from slipctl.models.vehicle.ranges import of_inputs, searched_ranges, with_control_ranges
 from slipctl.models.vehicle.safe_output import (
     begun_at_torque,
-    carried,
+    carried_torque,
     contained_block,
     reference_with_floor,
     safe_command,
@@ -411,7 +411,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
     ports = {"v": "trust.v", "v_s": "slip.v_s", "F": "force.F", "D": "fall.D", "T": "trust.T_b",
              "T_top": "trust.demand"}  # fmt: skip
     if "T_begin" in law_block.inputs:
-        parts["carried"] = carried
+        parts["carried"] = carried_torque
         wires |= {"carried.mu": "sample.mu", "carried.T_demand": "trust.demand"}
         ports["T_begin"] = "carried.T"
     if isinstance(reference, Searched):

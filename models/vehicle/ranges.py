@@ -18,7 +18,7 @@ from slipctl.certify.enclosure import enclose
 from slipctl.models.common_form import T_S, Wheel
 from slipctl.models.ranges import FLAG, of_those
 from slipctl.models.vehicle.failure import BEHIND, MEASURED
-from slipctl.models.vehicle.measurement.axle_samples import DOUBT, NEVER, TEST, WORN
+from slipctl.models.vehicle.measurement.axle_samples import AGAIN, DOUBT, NEVER, TEST, WORN
 from slipctl.models.vehicle.measurement.believed_speed import DRAG
 from slipctl.models.vehicle.parts import (
     Air,
@@ -74,7 +74,7 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
         "trust.torque": (0, w.T_max, "as commanded"),
         "trust.T_b": most,
         "trust.radius": (0.2 * (1 - WORN), 1 + WORN, "no wheel is worn by more"),
-        "trust.doubt": (0, DOUBT + TEST + 0.1, "the test ends then"),
+        "trust.doubt": (-AGAIN - 0.1, DOUBT + TEST + 0.1, "the test ends then"),
         "trust.ratio": (1 - 2 * WORN, 1 + 2 * WORN, "no wheel is worn by more"),
         "trust.bias": (-DRAG, DRAG, "it is limited"),
         "trust.v_h": speed,

@@ -160,7 +160,7 @@ def reference_with_floor(peak: float, noise: float) -> Block:
     T=Output("N m", "torque that the rail carries", positive="braking", lo=0, hi="T_max"),
     name="carried",
 )
-def carried(
+def carried_torque(
     mu=Input("1", "adhesion, as measured", positive="braking"),
     T_demand=Input("N m", "torque that is demanded", positive="braking"),
     m_axle=Param("kg", 8000.0, "load on the rail", ADDED, lo=100, hi=1e8),
@@ -168,7 +168,7 @@ def carried(
     g=Param("m/s^2", 9.81, "gravity", ADDED, lo=1, hi=30),
     T_max=Param("N m", 20e3, "largest torque", ADDED, lo=1, hi=1e8),
 ):
-    """T = mu W g r, not above the demand: with it the wheel keeps its speed."""
+    """T = mu m_axle g r, not above the demand: with it the wheel keeps its speed."""
     return clip_to_range(mu * m_axle * g * r, 0, clip_to_range(T_demand, 0, T_max))
 
 

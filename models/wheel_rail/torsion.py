@@ -126,7 +126,7 @@ def twisting_axle(adhesion: Block) -> Block:
 
     def body(x: Any, u: Any, p: Any) -> Any:
         swing = p["r"] * x["rate"] / 2
-        own = {k.name: p[k.name] for k in laws}
+        own = adhesion.derive({k.name: p[k.name] for k in laws})
 
         def height(s: Any) -> Any:
             return adhesion.expr({}, {"v_s": s, "v": u["v"]}, own)[1]["mu"]

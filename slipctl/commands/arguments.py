@@ -8,9 +8,9 @@ from typing import Any, NoReturn
 
 from slipctl import __version__
 from slipctl.commands import examples
+from slipctl.commands.library import arguments as library
+from slipctl.commands.library.arguments import AS_JSON
 from slipctl.errors import BadInput, nearest
-
-AS_JSON = "answer as JSON"
 
 
 class Parser(argparse.ArgumentParser):
@@ -56,60 +56,24 @@ def _no_options(p: Parser) -> None:
     """A command without options."""
 
 
-def _list_options(p: Parser) -> None:
+def _add_changes(p: Parser) -> None:
+    """Options of many runs that change each of them."""
     p.add_argument(
-        "word", metavar="TOPIC|WORD", nargs="?",
-        help="studies, models or kinds; or a word to look for in their names and meanings",
+        "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
+        dest="settings", help="set a parameter or start value in every run",
     )  # fmt: skip
-    p.add_argument("--json", action="store_true", help=AS_JSON)
-
-
-def _show_options(p: Parser) -> None:
-    p.add_argument("name", metavar="NAME")
-    p.add_argument("--latex", action="store_true", help="equations as LaTeX")
-    p.add_argument("--graph", action="store_true", help="block diagram as DOT")
-    p.add_argument("--against", metavar="OTHER", help="show the differences from another NAME")
-    p.add_argument("--json", action="store_true", help=AS_JSON)
-
-
-def _new_options(p: Parser) -> None:
     p.add_argument(
-        "kind",
-        metavar="KIND",
-        nargs="?",
-        help=(
-            "metro: a metro car of 38 t that brakes into leaves; emu: eight axles with air brakes"
-        ),
+        "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
+        help="replace a model of the study",
+    )  # fmt: skip
+
+
+def _add_effort(p: Parser) -> None:
+    """Options of many runs that say what may compute them."""
+    p.add_argument(
+        "--jobs", metavar="N", type=int, help="number of parallel runs (default: all cores)"
     )
-    p.add_argument("file", metavar="FILE", nargs="?", help="file to write (default: KIND.toml)")
-    p.add_argument("--json", action="store_true", help=AS_JSON)
-    p.add_argument(
-        "--from", metavar="STUDY:LOOP[@SCENARIO]", dest="source",
-        help="write this loop of a study instead, with all of its numbers, to KIND or LOOP.toml",
-    )  # fmt: skip
-
-
-def _open_options(p: Parser) -> None:
-    p.add_argument(
-        "name", metavar="FILE.toml|STUDY[:LOOP]", nargs="?",
-        help=("vehicle file or study to open (default: metro.toml, which is written if it"
-" does not exist)"),
-    )  # fmt: skip
-    p.add_argument(
-        "--port", metavar="N", type=int, help="port on this machine (default: a free one)"
-    )
-    p.add_argument("--no-browser", action="store_true", help="only print the address")
-    p.add_argument(
-        "--python", metavar="FILE.py", nargs="+", action="extend", default=[], dest="files",
-        help="Python files that the vehicle file may use; slipctl imports no others",
-    )  # fmt: skip
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
-
-
-def _copy_options(p: Parser) -> None:
-    p.add_argument("model", metavar="MODEL")
-    p.add_argument("file", metavar="FILE")
-    p.add_argument("--json", action="store_true", help=AS_JSON)
 
 
 def _run_options(p: Parser) -> None:
@@ -134,8 +98,8 @@ def _run_options(p: Parser) -> None:
     )  # fmt: skip
     p.add_argument(
         "--full", action="store_true",
-        help=("run all scenarios and experiments, on all cores; results that an interrupted"
-" run has finished are kept"),
+        help="run all scenarios and experiments, on all cores; results that an interrupted run "
+        "has finished are kept",
     )  # fmt: skip
     p.add_argument(
         "--jobs", metavar="N", type=int, help="number of parallel processes (default: all cores)"
@@ -174,30 +138,20 @@ def _sweep_options(p: Parser) -> None:
     )  # fmt: skip
     p.add_argument(
         "--scheduler", metavar="tcp://HOST:PORT",
-        help=("compute on the workers of this Dask scheduler (extra dask); results are the"
-" same to the bit"),
+        help="compute on the workers of this Dask scheduler (extra dask); results are the same to"
+        " the bit",
     )  # fmt: skip
     p.add_argument(
         "--mixed", action="store_true",
         help="also use machines with another processor or mathematics library",
     )  # fmt: skip
     p.add_argument("--json", action="store_true", help=AS_JSON)
-    p.add_argument(
-        "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
-        dest="settings", help="set a parameter or start value in every run",
-    )  # fmt: skip
-    p.add_argument(
-        "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
-        help="replace a model of the study",
-    )  # fmt: skip
+    _add_changes(p)
     p.add_argument(
         "--log", metavar="SIGNAL", nargs="+", action="extend", default=[], dest="logs",
         help="store these signals over time, for every run",
     )  # fmt: skip
-    p.add_argument(
-        "--jobs", metavar="N", type=int, help="number of parallel runs (default: all cores)"
-    )
-    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+    _add_effort(p)
 
 
 def _tune_options(p: Parser) -> None:
@@ -218,64 +172,42 @@ def _tune_options(p: Parser) -> None:
         " 'margin>=1.2' of the certificates, certified",
     )  # fmt: skip
     p.add_argument(
-        "--samples",
-        metavar="N",
-        type=int,
-        default=20,
+        "--samples", metavar="N", type=int, default=20,
         help="draws on which the search judges gains (default: 20)",
-    )
+    )  # fmt: skip
     p.add_argument(
         "--seed", metavar="S", type=int, default=1, help="seed of draws and search (default: 1)"
     )
     p.add_argument(
-        "--ensemble",
-        metavar="FILE.toml",
-        help=("file that says what varies from draw to draw (default: the study's declaration)"),
-    )
+        "--ensemble", metavar="FILE.toml",
+        help="file that says what varies from draw to draw (default: the study's declaration)",
+    )  # fmt: skip
     p.add_argument(
-        "--held-out",
-        metavar="N",
-        type=int,
-        default=200,
+        "--held-out", metavar="N", type=int, default=200,
         help="fresh draws on which the result is judged (default: 200)",
-    )
+    )  # fmt: skip
     p.add_argument(
-        "--runs",
-        metavar="N",
-        type=int,
+        "--runs", metavar="N", type=int,
         help="largest number of runs of the search (default: 250 per parameter and metric)",
-    )
+    )  # fmt: skip
     p.add_argument(
         "--prove", action="store_true",
-        help=("state what 1375 fresh draws prove of 99 %% of all draws, with confidence 1 -"
-" 1e-6"),
+        help="state what 1375 fresh draws prove of 99 %% of all draws, with confidence 1 - 1e-6",
     )  # fmt: skip
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
     p.add_argument("--json", action="store_true", help=AS_JSON)
-    p.add_argument(
-        "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
-        dest="settings", help="set a parameter or start value in every run",
-    )  # fmt: skip
-    p.add_argument(
-        "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
-        help="replace a model of the study",
-    )  # fmt: skip
-    p.add_argument(
-        "--jobs", metavar="N", type=int, help="number of parallel runs (default: all cores)"
-    )
-    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+    _add_changes(p)
+    _add_effort(p)
 
 
 def _replay_options(p: Parser) -> None:
     p.add_argument(
-        "log",
-        metavar="LOG.csv",
+        "log", metavar="LOG.csv",
         help="log with a header and one row per sample; or LOG.parquet, LOG.mf4",
-    )
+    )  # fmt: skip
     p.add_argument(
         "--with", metavar="STUDY:LOOP.PART", required=True, dest="block",
-        help=("block to run over the log: a part of a loop, a model, FILE:BLOCK or an"
-" equation"),
+        help="block to run over the log: a part of a loop, a model, FILE:BLOCK or an equation",
     )  # fmt: skip
     p.add_argument(
         "--map", metavar="INPUT=COLUMN[UNIT]", nargs="+", action="extend", default=[],
@@ -290,27 +222,24 @@ def _replay_options(p: Parser) -> None:
         dest="settings", help="inputs without a column, parameters and start values",
     )  # fmt: skip
     p.add_argument(
-        "--time",
-        metavar="COLUMN[UNIT]",
+        "--time", metavar="COLUMN[UNIT]",
         help="column of the time (default: the column with such a name)",
-    )
+    )  # fmt: skip
     p.add_argument(
         "--decimal", choices=(".", ","), help="decimal mark, where 1.234 may be read in two ways"
     )
     p.add_argument(
-        "--period",
-        metavar="T",
+        "--period", metavar="T",
         help="sample time, 10ms (default: that of the block, else of the log)",
-    )
+    )  # fmt: skip
     p.add_argument(
         "--resample", choices=("hold", "linear"), default="hold",
         help="resampling to ticks (default: hold, the last sample before the tick)",
     )  # fmt: skip
     p.add_argument(
-        "--gap",
-        metavar="T",
-        help=("interval between samples that counts as a gap, 0.2s (default: 5 usual intervals)"),
-    )
+        "--gap", metavar="T",
+        help="interval between samples that counts as a gap, 0.2s (default: 5 usual intervals)",
+    )  # fmt: skip
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
     p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
@@ -318,11 +247,9 @@ def _replay_options(p: Parser) -> None:
 
 def _compare_options(p: Parser) -> None:
     p.add_argument(
-        "folders",
-        metavar="DIR",
-        nargs="+",
+        "folders", metavar="DIR", nargs="+",
         help="folder of a run, of a sweep, or of several sweeps",
-    )
+    )  # fmt: skip
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
 
@@ -339,19 +266,17 @@ def _fit_options(p: Parser) -> None:
         dest="settings", help="known parameters, and inputs that do not vary, Q=106.7kN v=10m/s",
     )  # fmt: skip
     p.add_argument(
-        "--unknown",
-        metavar="NAME,NAME",
+        "--unknown", metavar="NAME,NAME",
         help="parameters to fit (default: those that rail conditions set)",
-    )
+    )  # fmt: skip
     p.add_argument(
         "--start", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
         dest="starts", help="start values of the search (default: the law's own values)",
     )  # fmt: skip
     p.add_argument(
-        "--ordered",
-        action="store_true",
+        "--ordered", action="store_true",
         help="keep the order of parameters that the law expects, k_A >= k_S",
-    )
+    )  # fmt: skip
     p.add_argument(
         "--map", "--column", metavar="NAME=COLUMN[UNIT]", nargs="+", action="extend", default=[],
         dest="mapped",
@@ -362,15 +287,13 @@ def _fit_options(p: Parser) -> None:
     )
     p.add_argument("--time", metavar="COLUMN[UNIT]", help="column of the time, as for replay")
     p.add_argument(
-        "--gap",
-        metavar="T",
-        help=("interval between samples that counts as a gap, 0.2s (default: 5 usual intervals)"),
-    )
+        "--gap", metavar="T",
+        help="interval between samples that counts as a gap, 0.2s (default: 5 usual intervals)",
+    )  # fmt: skip
     p.add_argument(
-        "--between",
-        metavar="FROM:TO",
+        "--between", metavar="FROM:TO",
         help="use only this time span after the first sample, 12s:95s",
-    )
+    )  # fmt: skip
     p.add_argument(
         "--resample", choices=("hold", "linear"),
         help="interpolation of inputs between samples (default: hold)",
@@ -390,13 +313,12 @@ def _c_options(p: Parser) -> None:
     )
     p.add_argument(
         "--target", metavar="host|cortex-m4|cortex-m7", default="host",
-        help=("also compile it for this processor, and with --check run it there; separate"
-" two by a comma"),
+        help="also compile it for this processor, and with --check run it there; separate two by "
+        "a comma",
     )  # fmt: skip
     p.add_argument(
         "--clock", metavar="168MHz",
-        help=("processor clock for which the load is reported (default: 25 MHz, that of the"
-" board)"),
+        help="processor clock for which the load is reported (default: 25 MHz, that of the board)",
     )  # fmt: skip
     p.add_argument(
         "--misra", action="store_true", help="count the findings of cppcheck and MISRA C:2012"
@@ -404,8 +326,8 @@ def _c_options(p: Parser) -> None:
 
     p.add_argument(
         "--vectors", metavar="FILE.csv|search[:SECONDS]",
-        help=("test it with these inputs, one row per tick, instead of those of a run; or"
-" search for inputs that reach the branches which the test leaves out"),
+        help="test it with these inputs, one row per tick, instead of those of a run; or search "
+        "for inputs that reach the branches which the test leaves out",
     )  # fmt: skip
     p.add_argument(
         "--fuzz", metavar="SECONDS", type=int,
@@ -413,19 +335,18 @@ def _c_options(p: Parser) -> None:
     )  # fmt: skip
     p.add_argument(
         "--prove", action="store_true",
-        help=("let Frama-C prove that no run-time error occurs and that values stay in their"
-" ranges"),
+        help="let Frama-C prove that no run-time error occurs and that values stay in their ranges",
     )  # fmt: skip
     p.add_argument("--fmu", action="store_true", help="also write FMUs, by FMI 2.0 and 3.0")
     p.add_argument(
         "--platforms", metavar="linux64,win64",
-        help=("platforms of the binaries in the FMUs (default: all for which a compiler is"
-" installed)"),
+        help="platforms of the binaries in the FMUs (default: all for which a compiler is "
+        "installed)",
     )  # fmt: skip
     p.add_argument(
         "--scaled", metavar="NAME=uint16:0.01m/s[:OFFSET]", nargs="+", action="extend", default=[],
-        help=("inputs and outputs that the bus carries as integers of this type, resolution"
-" and offset"),
+        help="inputs and outputs that the bus carries as integers of this type, resolution and "
+        "offset",
     )  # fmt: skip
     p.add_argument(
         "--rates", action="store_true",
@@ -433,8 +354,7 @@ def _c_options(p: Parser) -> None:
     )  # fmt: skip
     p.add_argument(
         "--counter", action="store_true",
-        help=("also write a step that takes the tick number, and detects repeated and late"
-" calls"),
+        help="also write a step that takes the tick number, and detects repeated and late calls",
     )  # fmt: skip
     p.add_argument("--const-section", metavar="SECTION", help="linker section of the tables")
     p.add_argument(
@@ -458,10 +378,9 @@ def _c_options(p: Parser) -> None:
         dest="settings", help="set parameters of the loop, or FILE.toml with gains",
     )  # fmt: skip
     p.add_argument(
-        "--part",
-        metavar="PART",
+        "--part", metavar="PART",
         help="part of the loop to write instead of the controller, such as plant",
-    )
+    )  # fmt: skip
     p.add_argument(
         "--name", metavar="MODULE", dest="module",
         help="name of its files and functions (default: that of the loop or block)",
@@ -474,32 +393,26 @@ def _pil_options(p: Parser) -> None:
     p.add_argument("--real", choices=("double", "float"), default="double")
     p.add_argument(
         "--clock", metavar="168MHz",
-        help=("processor clock for which the load is reported (default: 25 MHz, that of the"
-" board)"),
+        help="processor clock for which the load is reported (default: 25 MHz, that of the board)",
     )  # fmt: skip
     p.add_argument(
         "--fault", metavar="TICK=WHAT", nargs="+", action="extend", default=[], dest="faults",
         help="fault to inject into the frame of a tick: lost, late or broken",
     )  # fmt: skip
     p.add_argument(
-        "--seconds",
-        metavar="S",
-        type=float,
+        "--seconds", metavar="S", type=float,
         help="duration of the run (default: that of the scenario)",
-    )
+    )  # fmt: skip
     p.add_argument("--out", metavar="FILE", help="write the comparison as JSON")
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
 
 def _certify_options(p: Parser) -> None:
     p.add_argument(
-        "system",
-        metavar="SYSTEM|STUDY[:LOOP]",
-        nargs="?",
-        help=(
-            "system such as super_twisting, or a study or one of its loops; none: list the systems"
-        ),
-    )
+        "system", metavar="SYSTEM|STUDY[:LOOP]", nargs="?",
+        help="system such as super_twisting, or a study or one of its loops; none: list the "
+        "systems",
+    )  # fmt: skip
     p.add_argument(
         "--set", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
         dest="settings", help="gains and bounds of a system, k1=1.5 k2=1.1 L=1 in SI or in units;"
@@ -509,29 +422,24 @@ def _certify_options(p: Parser) -> None:
     p.add_argument("--out", metavar="FILE", help="write the certificate, a file for slipctl check")
     p.add_argument(
         "--map", metavar="X[=LO:HI],Y[=LO:HI]",
-        help=("map where two parameters are certified, refuted or undecided; --out is then a"
-" folder"),
+        help="map where two parameters are certified, refuted or undecided; --out is then a folder",
     )  # fmt: skip
     p.add_argument(
-        "--points",
-        metavar="N",
-        type=int,
-        default=25,
+        "--points", metavar="N", type=int, default=25,
         help="points of the map along each axis (default: 25)",
-    )
+    )  # fmt: skip
     p.add_argument(
         "--metric", metavar="NAME", help="metric whose level lines are drawn into the map of a loop"
     )
     p.add_argument(
         "--largest", metavar="NAME",
-        help=("find the largest certified and the smallest refuted value of a parameter,"
-" such as lag; --out is then a folder"),
+        help="find the largest certified and the smallest refuted value of a parameter, such as "
+        "lag; --out is then a folder",
     )  # fmt: skip
     p.add_argument(
-        "--smallest",
-        metavar="NAME",
+        "--smallest", metavar="NAME",
         help="find the smallest certified and the largest refuted value of a parameter",
-    )
+    )  # fmt: skip
 
 
 def _check_options(p: Parser) -> None:
@@ -539,41 +447,30 @@ def _check_options(p: Parser) -> None:
     p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument(
         "--rerun", metavar="N", type=int,
-        help=("run N draws of a statement again, from the study or file that the statement"
-" names"),
+        help="run N draws of a statement again, from the study or file that the statement names",
     )  # fmt: skip
 
 
-def _docs_options(p: Parser) -> None:
-    p.add_argument("page", metavar="PAGE", nargs="?", default="index", help="glossary, sweeps, ...")
-    p.add_argument(
-        "--where", action="store_true", help="print the path of the page, and open nothing"
-    )
-    p.add_argument(
-        "--json", action="store_true", help="print the path of the page as JSON, and open nothing"
-    )
-
-
 COMMANDS: dict[str, tuple[str, Callable[[Parser], None]]] = {
-    "list": ("List studies, models, and the kinds of parts of a vehicle file.", _list_options),
-    "show": ("Show equations, signals, units, sources and Jacobian of NAME.", _show_options),
-    "new": ("Write a vehicle file, to be edited and run.", _new_options),
-    "open": ("Open the workbench: run, region of gains and C follow each edit.", _open_options),
+    "list": (
+        "List studies, models, and the kinds of parts of a vehicle file.",
+        library.list_options,
+    ),
+    "show": ("Show equations, signals, units, sources and Jacobian of NAME.", library.show_options),
+    "new": ("Write a vehicle file, to be edited and run.", library.new_options),
+    "open": (
+        "Open the workbench: run, region of gains and C follow each edit.",
+        library.open_options,
+    ),
     "schema": ("Print the JSON schema of the files that describe a vehicle.", _no_options),
-    "copy": ("Copy the source of a model to a file of your own, to edit it.", _copy_options),
+    "copy": ("Copy the source of a model to a file of your own, to edit it.", library.copy_options),
     "run": ("Run a study: metrics, claims, logs, figures and a report.", _run_options),
     "sweep": (
-        (
-            "Run a loop with many sets of numbers, on all cores; a sweep can be resumed"
-            " and extended."
-        ),
+        "Run a loop with many sets of numbers, on all cores; resume and extend the sweep.",
         _sweep_options,
     ),
     "tune": (
-        (
-            "Find gains on an ensemble: proof first, then simulation, then a judgement on"
-            " fresh draws."
-        ),
+        "Find gains on an ensemble: proof first, then simulation, then fresh draws.",
         _tune_options,
     ),
     "replay": ("Run an estimator or a controller over a recorded log.", _replay_options),
@@ -595,6 +492,6 @@ COMMANDS: dict[str, tuple[str, Callable[[Parser], None]]] = {
         ("Check a certificate by rational arithmetic alone, without the code that found it."),
         _check_options,
     ),
-    "docs": ("Open the pages of slipctl in a browser; they need no network.", _docs_options),
+    "docs": ("Open the pages of slipctl in a browser; they need no network.", library.docs_options),
 }
 """Commands in the order of the help, each with its line there and its options."""

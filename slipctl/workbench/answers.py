@@ -262,12 +262,14 @@ class Answers:
             raise BadInput(f"save the text first; {asked} takes the file")
         words, out = command_words(asked, self.desk, rig, self._moved(request, rig), request)
         said: Head = {}
-        for said in run_command(words, self.desk):
+        for said in run_command(words):
             yield {"command": asked, **said} if "progress" in said else b""
+        if asked in ("tune", "replay") and said["code"]:
+            raise BadInput(said["said"].strip().rpartition("\n")[2] or f"{asked} failed")
         if asked == "replay":
             who = {"kind": "command", "id": 0, "loop": "replay", "share": 1.0}
             yield frame(who, replayed_curves(out))
-        gains = found_gains(out) if asked == "tune" else {}
+        gains = found_gains(out, rig.sliders) if asked == "tune" else {}
         report = out.relative_to(self.desk.folder) / "report.html"
         yield {"end": True, "command": asked, "said": said["said"], "line": said["command"],
                "gains": gains, "file": str(report)}  # fmt: skip

@@ -1,11 +1,12 @@
 """What the command line does for the page: report, tune, sweep and replay, told while they run.
 
 Each runs as a process of its own, as a person would run it in the folder, and goes on if the page
-is closed: it writes into its folder below ``out/``, and the same line takes up what is there.
+is closed. It writes into its folder below ``out/``, and the same line takes up what is there.
 """
 
 from __future__ import annotations
 
+import csv
 import os
 import re
 import shlex
@@ -13,8 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,11 +23,14 @@ import numpy as np
 
 from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.errors import BadInput
+from slipctl.study.case_setup import Setting, open_gain_files
+from slipctl.tables.table import named_columns
 from slipctl.workbench.curves import Curves, Panel, Series
 from slipctl.workbench.desk import numbers_in_words
 
 if TYPE_CHECKING:
     from slipctl.workbench.desk import Desk, Rig
+    from slipctl.workbench.sliders import Slider
 
 LINES = 12
 """Texts of a question at most: ranges, columns."""
@@ -109,15 +112,15 @@ def _draws(request: Mapping[str, Any]) -> int:
     return found
 
 
-def run_command(words: list[str], desk: Desk) -> Iterator[dict[str, Any]]:
-    """Run a command in the folder that is open; ending the iterator stops it and keeps its results.
+def run_command(words: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """Run a command; ending the iterator stops it and keeps its results.
 
     Args:
         words: behind ``slipctl``.
 
     Yields:
         ``progress``, the last line that it told, when that is a new one; nothing meanwhile; at last
-        ``said``, what it printed.
+        ``said``, what it printed, and ``code``, what it ended with.
 
     Raises:
         BadInput: it was refused.
@@ -145,37 +148,34 @@ def run_command(words: list[str], desk: Desk) -> Iterator[dict[str, Any]]:
                 going.kill()
         if going.returncode == 2:
             raise BadInput(_last_line(told) or "it was refused")
-        said = printed.read_text(errors="replace") or told.read_text(errors="replace")
-        yield {"said": said[-20_000:], "command": shlex.join(["slipctl", *words])}
+        said = _text_of(printed) or _text_of(told)
+        yield {"said": said[-20_000:], "code": going.returncode,
+               "command": shlex.join(["slipctl", *words])}  # fmt: skip
+
+
+def _text_of(file: Path) -> str:
+    return file.read_text(encoding="utf-8", errors="replace")
 
 
 def _last_line(file: Path) -> str:
-    text = file.read_text(errors="replace").rstrip().rpartition("\n")[2]
-    return text.removeprefix("slipctl: ")
+    return _text_of(file).rstrip().rpartition("\n")[2].removeprefix("slipctl: ")
 
 
-def found_gains(out: Path) -> dict[str, float]:
+def found_gains(out: Path, sliders: Sequence[Slider]) -> dict[str, float]:
     """Numbers of ``gains.toml`` in SI, as sliders have them."""
-    path = out / "gains.toml"
-    if not path.is_file():
-        return {}
-    found = tomllib.loads(path.read_text(encoding="utf-8"))["gains"]
-    return {name: _number(text) for name, text in found.items()}
-
-
-def _number(text: Any) -> float:
-    number, _, unit = str(text).partition(" ")
-    return parse_quantity(str(text), unit or "1") if unit else float(number)
+    units = {s.name: s.unit for s in sliders}
+    found = [Setting.read(text) for text in open_gain_files([str(out / "gains.toml")])]
+    return {s.name: parse_quantity(s.value, units.get(s.name, "1")) for s in found}
 
 
 def replayed_curves(out: Path) -> Curves:
     """Curves of ``replay.csv``: a panel for each signal, its recording beside it."""
-    path = out / "replay.csv"
-    heads = path.read_text(encoding="utf-8").partition("\n")[0].split(",")
-    table = np.genfromtxt(path, delimiter=",", skip_header=1, ndmin=2)
+    with (out / "replay.csv").open(newline="", encoding="utf-8") as file:
+        rows = csv.reader(file)
+        names, units = named_columns(next(rows))
+        table = np.array([[float(cell) for cell in row] for row in rows])
     panels: dict[str, Panel] = {}
-    for head, values in zip(heads[1:], table.T[1:], strict=True):
-        name, _, unit = head.strip('"').removesuffix("]").rpartition(" [")
+    for name, unit, values in zip(names[1:], units[1:], table.T[1:], strict=True):
         signal_name = name.removesuffix(" recorded").removesuffix(" residual")
         panel = panels.setdefault(signal_name, Panel(signal_name, unit))
         if not name.endswith(" residual"):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from slipctl import Figure, Results
+from slipctl.analysis.rail_peaks import Peaks
 from slipctl.draw import plots
 from slipctl.models.vehicle.adhesion import contaminated_law, rail_law
 from slipctl.models.vehicle.contamination import Peaks
@@ -60,7 +61,7 @@ def adhesion_of_rail(r: Results, scenario: str, loop: str) -> tuple[Any, Any, An
     """
     made, log = trip(), r.log(scenario, loop)
     law = contaminated_law(made, rail_law(made))
-    peaks = Peaks(law, next(iter(law.conditions)), SPEED)
+    peaks = Peaks(law, next(iter(law.conditions.values())), SPEED)
     v = np.maximum(log["plant.train.v"].values, 0.5)
     height = log["plant.field.height"].values
     tau = STRENGTHS[SCENARIOS[scenario]]

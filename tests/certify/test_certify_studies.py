@@ -242,7 +242,7 @@ def test_certify_a_study(toy, capsys):
     said = capsys.readouterr().out
     assert "printed (loop a), super_twisting: REFUTED as sampled\n" in said
     assert "the paper's own condition, printed_48*, is violated" in said
-    assert said.endswith("* its verdict depends on the unit of length\n")
+    assert said.endswith("* the verdict of this condition depends on the unit of length\n")
     assert "needs band: k1 <= 141.4 (is 2000) or T <= 7.071e-05 (is 0.001)" in said
     assert "none (loop a), reaching_law: CERTIFIED as sampled\n" in said
     assert main(["certify", "toy.py", "--json"]) == 0

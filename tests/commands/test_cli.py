@@ -254,7 +254,7 @@ study = replace(toy.study, experiments={"slow": Experiment("Slow", slow)})
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=300)
     assert process.returncode == 130
-    assert err.splitlines()[-1] == "slipctl: stopped; what had finished is written"
+    assert err.splitlines()[-1] == "slipctl: stopped; all finished results are written"
     assert "Traceback" not in err
     got = store.read_json(Path("out/toy/metrics.json"))
     assert list(got["scenarios"]["base"]) == ["soft", "hard"]

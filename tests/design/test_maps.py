@@ -116,7 +116,7 @@ def test_a_loop_answers_without_a_typed_number(
     ("hst_braking:pid", "its integral and its limits have no criterion"),
     ("all_rails:nmpc", "the solution of a program at each tick"),
     ("predictive:nmpc", "its terminal weight knows no limits"),
-    ("own.py:loop", "declares no study, so nothing says what loop shall withstand"),
+    ("own.py:loop", "declares no study, so it does not say what loop has to withstand"),
 ])  # fmt: skip
 def test_what_has_no_criterion_is_told_in_a_line(
     name: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,

@@ -160,7 +160,7 @@ def ended(table: Table, folder: Path) -> tuple[str, list[str]]:
     path.write_text(toml(table), encoding="utf-8")
     try:
         study = load_study(str(path))
-        (case,) = study.cases(None, False)
+        case = study.cases(None, False)[0]
         trip, slowed, wrong, told = read_trip(path), [], [], list(study.without_effect)
         for name in ("none", "own"):
             loop = case.loops[name]

@@ -349,7 +349,7 @@ def ended(
     path.write_text(text, encoding="utf-8")
     try:
         study = load_study(str(path))
-        (case,) = study.cases(None, False)
+        case = study.cases(None, False)[0]
         made = case.loops[loop]
         if not run:
             return "right", []

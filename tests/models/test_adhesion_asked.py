@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import slipctl.models.vehicle.adhesion as adhesion
 import slipctl.models.vehicle.trip as trips
 from slipctl import simulate
 from slipctl.errors import BadInput
@@ -95,7 +96,7 @@ def test_a_rising_law_is_taken_exactly_where_it_is_between_0_and_1(k, v_0, speed
 
 def test_a_law_below_1_is_on_its_curve_and_one_above_is_told_by_the_run(tmp_path, monkeypatch):
     """By the back door, as a number that is set later: the contact force leaves the law."""
-    monkeypatch.setattr(trips, "law_faults", lambda *_: ())
+    monkeypatch.setattr(adhesion, "law_faults", lambda *_: ())
     drive = dict(
         duration="2 s", lengths="driven = [1]", mode="drive", inertia="20 kg m^2", speed="5 m/s",
         torque="48 kN m", demand='acceleration = "8 m/s^2"',
@@ -110,7 +111,7 @@ def test_a_law_below_1_is_on_its_curve_and_one_above_is_told_by_the_run(tmp_path
 
 
 def test_a_law_that_pushes_is_told_by_range_and_by_energy(tmp_path, monkeypatch):
-    monkeypatch.setattr(trips, "law_faults", lambda *_: ())
+    monkeypatch.setattr(adhesion, "law_faults", lambda *_: ())
     law, condition, _ = LAWS["pushes"]
     made = trip(tmp_path, law=law, condition=condition, duration="6 s")
     case = trips.case(made, "base")

@@ -171,7 +171,7 @@ def test_one_wheel_sensor_that_fails_costs_no_tenth_on_dry_rail_behind_valves(ki
 
 @pytest.mark.parametrize(("changes", "said"), [
     (dict(vehicle_speed=Fused()), "needs an accelerometer"),
-    (dict(accelerometer=Accelerometer()), "nothing reads it"),
+    (dict(accelerometer=Accelerometer()), "no estimator uses it"),
 ])  # fmt: skip
 def test_what_does_not_fit_is_refused(changes, said):
     with pytest.raises(BadInput, match=said):

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from slipctl import BadInput
+from slipctl.models.wheel_rail.contact import polach
 from slipctl.models.wheel_rail.falling_creep import falling_creep
 from slipctl.models.wheel_rail.torsion import Wheelset, axle_stiffness, twisting_axle
 
@@ -105,3 +106,15 @@ def test_wheelsets_that_are_none(given):
              "radius": 1.0} | given  # fmt: skip
     with pytest.raises(BadInput):
         Wheelset(**whole)
+
+
+def test_a_law_with_derived_numbers_keeps_them():
+    """Polach's stiffness follows from its patch, under a twisting axle as by itself."""
+    law = polach.with_params(Q=60e3)
+    block = twisting_axle(law)
+    f = block.function()
+    x, p = block.start(), block.param_values()
+    given = {"s": 0.1, "v": 20.0, "twist": 0.0, "rate": 0.0}
+    found = f(*(given.get(n[2:], p.get(n[2:], x.get(n[2:]))) for n in f.name_in()))
+    mu = float(found[f.name_out().index("y_mu")])
+    assert mu == pytest.approx(float(law(v_s=0.1, v=20.0)["mu"]), rel=1e-12)

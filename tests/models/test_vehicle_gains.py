@@ -179,3 +179,15 @@ def test_a_tube_holds_the_slips_about_its_goal_and_what_they_fall_by(tmp_path, t
         spans.append(slope * 2 * 1.1 * share)
     assert met.tube == pytest.approx(1.1 * share)
     assert met.wrong >= max(spans) * (1 - 1e-3)
+
+
+def test_a_draw_of_one_number_is_no_range(tmp_path):
+    """An edit on the way passes through it: refused at its key, no error from inside."""
+    from slipctl import registry
+    from slipctl.study.files.trip_files import study_of_text
+
+    file = registry.folder("models") / "vehicle" / "files" / "metro.toml"
+    text = file.read_text(encoding="utf-8").replace('m = "34 t:42 t"', 'm = "342 t"')
+    assert "342 t" in text
+    with pytest.raises(BadInput, match=r"ensemble\.draw\.m"):
+        study_of_text("metro.toml", text).cases(None, False)

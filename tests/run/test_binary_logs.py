@@ -57,7 +57,7 @@ def test_parquet_is_read_as_text_is(tmp_path: Path) -> None:
     )
     assert np.array_equal(found.data["y"].values, same.data["y"].values)
     assert np.array_equal(found.compared[0].recorded, same.compared[0].recorded, equal_nan=True)
-    assert [n.replace("in row 3", "in line 4").replace("in row 21", "in line 22")
+    assert [n.replace("row 3", "line 4").replace("row 21", "line 22")
             for n in found.notes] == same.notes  # fmt: skip
     log = read_recording(file, wanted=["X"])
     assert (log.columns, list(log.table.others)) == (["x"], ["note"])

@@ -262,8 +262,8 @@ def test_every_limit_that_is_logged_is_told_whatever_is_not():
 @pytest.mark.parametrize(
     ("unit", "said"),
     [
-        ("1", "0 .. 2, at 0.03 s, and is 5 at most"),
-        ("m/s", "0 .. 2 m/s, at 0.03 s, and is 5 m/s at most"),
+        ("1", "0 .. 2, at 0.03 s, and comes to 5"),
+        ("m/s", "0 .. 2 m/s, at 0.03 s, and comes to 5 m/s"),
     ],
 )
 def test_a_state_off_its_range_is_told_with_place_size_and_unit(unit, said):

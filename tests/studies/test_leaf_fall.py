@@ -2,14 +2,16 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from slipctl import Context
+from slipctl import Context, argmax
 from slipctl.models.vehicle import Contamination
+from slipctl.models.vehicle.adhesion import contaminated_law, rail_law
 from slipctl.models.wheel_rail.sliding_train import stop
-from slipctl.studies.leaf_fall import experiments, study
+from slipctl.studies.leaf_fall import experiments, figures, study
 from slipctl.studies.leaf_fall.bound import RULES, sliding_train
 from slipctl.studies.leaf_fall.experiments import begin_of, draws_table, limits_table
 from slipctl.studies.leaf_fall.loops import ENSEMBLE, cases
@@ -124,3 +126,28 @@ def test_its_cases_run_and_are_measured_beside_the_clean_rail():
         assert got["valve_operations"].value == 0
         assert got["air_used"].value > 10
     assert results.metrics["base"]["none"]["extension"].value is None  # it has not stopped
+
+
+def test_the_rail_behind_the_train_carries_what_its_heat_has_cleaned():
+    """Peak of the law between the layer's curve and the clean one, by the share 1 - exp(-tau W)."""
+    heat = np.array([0.0, 2e4, 1e9])  # J/m that the axles before the last have given
+
+    def of_axles(last):
+        return SimpleNamespace(values=np.tile(np.asarray(last, dtype=float)[:, None], (1, 8)))
+
+    log = {
+        "plant.train.v": SimpleNamespace(values=np.full(3, 20.0)),
+        "plant.train.x": SimpleNamespace(values=np.array([200.0, 210.0, 220.0])),
+        "plant.field.height": of_axles(np.ones(3)), "plant.field.recovered": of_axles(np.zeros(3)),
+        "plant.field.W_seen": of_axles(heat), "plant.train.P_contact": of_axles(np.zeros(3)),
+        "rail.best_adhesion": of_axles(np.full(3, 0.04)),
+    }  # fmt: skip
+    results = SimpleNamespace(log=lambda scenario, loop: log)
+    place, before, after = figures.adhesion_of_rail(results, "base", "wsp")
+    assert place == pytest.approx(log["plant.train.x"].values - trip().vehicle.behind[-1])
+    assert before == pytest.approx(np.full(3, 0.04))
+    law = contaminated_law(trip(), rail_law(trip()))
+    at = {"v": 20.0, "height": 1.0}
+    peaks = [argmax(law, "v_s", "mu", lo=1e-4, hi=20.0, at=at | {"recovered": q}).value
+             for q in -np.expm1(-WEAK * heat)]  # fmt: skip
+    assert after == pytest.approx(peaks, rel=1e-2)  # the figure looks on a grid

@@ -195,7 +195,7 @@ def test_a_search_a_sweep_and_a_replay_run_beside_it(study, pictures, tmp_path):
     study.click("#sweep")
     study.wait("document.querySelector('#stop')", 60)
     study.click("#stop")
-    study.wait(f"{done} && {done}.textContent.includes('stopped')", 60)
+    assert study.wait(f"{done} && {done}.textContent.includes('stopped')", 60)
 
 
 def test_the_browser_asked_nobody_else_and_did_not_complain(study):

@@ -20,7 +20,7 @@ from typing import Any
 
 from casadi import fmax, fmin, if_else, logic_and, logic_not, sqrt, sum1, vertcat
 
-from slipctl import Block, Input, Output, Param, State, law, step
+from slipctl import Block, Input, Output, Param, State, law, one, step
 from slipctl.models.common_form import ADDED, T_S
 
 ATMOSPHERE = 1.013e5
@@ -150,7 +150,8 @@ def cylinder(
     # what flows in is what the pressure rises by, and what the vent takes besides
     came = fmax(if_else(fills, nxt - p + T * middle[1], 0), 0)
     k_b = T_max / p_full
-    return dict(p=nxt), dict(T_b=k_b * (p - top), pressure=p - top, drawn=V * came / ATMOSPHERE)
+    drawn = V * came / (ATMOSPHERE * one("Pa"))
+    return dict(p=nxt), dict(T_b=k_b * (p - top), pressure=p - top, drawn=drawn)
 
 
 def reservoir(axles: int) -> Block:
@@ -200,7 +201,9 @@ def brake_model(ticks: int) -> Block:
     size = max(ticks, 1)
 
     @step(
-        expected=Output("N m", "torque that the bits explain", positive="braking"),
+        expected=Output(
+            "N m", "torque that the bits explain", positive="braking", lo=0, hi="T_max"
+        ),
         name="model", choices={"ticks": ticks},
     )  # fmt: skip
     def model(

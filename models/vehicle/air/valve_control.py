@@ -97,7 +97,7 @@ def whole_state(state_by=Input("1", "state, as it was given: 0 fill, 1 hold, 2 v
 
 
 SEEN = {
-    "v": "trust.v", "omega": "trust.omega", "v_s": "slip.v_s", "a_w": "rim.a_w",
+    "v": "trust.v", "omega": "slip.omega_s", "v_s": "slip.v_s", "a_w": "rim.a_w",
     "T": "trust.T_b", "T_b": "trust.T_b", "T_demand": "trust.demand",
     "under_way": "model.under_way", "off": "gate.off",
 }  # fmt: skip
@@ -152,9 +152,9 @@ def own_slide_protection(trip: Trip, block: Block, w: Wheel) -> tuple[Parts, Wir
         parts["states"] = whole_state
         wires |= {"states.state_by": "law.state", "refill.state": "states.state"}
     if "a_w" not in block.inputs:
-        del parts["rim"], wires["rim.omega"]
-    if not {"v_s"} & set(block.inputs):
-        del parts["slip"], wires["slip.v"], wires["slip.omega"]
+        del parts["rim"], wires["rim.rim"]
+    if not {"v_s", "omega"} & set(block.inputs):
+        del parts["slip"], wires["slip.v"], wires["slip.rim"]
     return parts, wires
 
 

@@ -109,7 +109,7 @@ class AxleTick:
         after = ca.vertcat(s, T_b)
         for acts, time in zip(waits, times_of_commands(n), strict=False):
             begun = ca.vertcat(after[0], after[1] if lag else acts)
-            after = integrated(partial(rate, acts=acts), begun, float(time))
+            after = state_after(partial(rate, acts=acts), begun, float(time))
         inner = [f"law{i}" for i in range(kept.numel())]
         states = (SLIP, "T", *(f"q{i}" for i in range(int(ticks))), *inner)
         f = ca.Function(
@@ -169,7 +169,7 @@ def times_of_commands(n: Mapping[str, Any]) -> tuple[Fraction, ...]:
     return (begins, T - begins) if begins else (T,)
 
 
-def integrated(rate: Callable[[Any], Any], x: Any, time: float) -> Any:
+def state_after(rate: Callable[[Any], Any], x: Any, time: float) -> Any:
     """States after a time, by steps of Runge and Kutta that are not longer than ``LONGEST``."""
     many = max(1, math.ceil(time / LONGEST - 1e-9))
     T = time / many

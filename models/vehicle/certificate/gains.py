@@ -120,7 +120,10 @@ def ranges(trip: Trip) -> tuple[Ranges, tuple[str, ...]]:
         if own is None:
             left.append(name)
             continue
-        lo, hi = (parse_quantity(t, units[own], f"ensemble.draw.{name}") for t in text.split(":"))
+        ends = text.split(":")
+        if len(ends) != 2:
+            raise BadInput(f'ensemble.draw.{name}: {text!r} is no range; write "34 t:42 t"')
+        lo, hi = (parse_quantity(end, units[own], f"ensemble.draw.{name}") for end in ends)
         numbers[own] = (lo, hi)
     for name, text in drawn.scale.items() if drawn else ():
         match = FACTOR.fullmatch(text)

@@ -35,7 +35,7 @@ from slipctl.certify.tick_coordinates import (
     with_coordinates,
 )
 from slipctl.models.common_form import T_S
-from slipctl.models.vehicle.certificate.axle_tick import AxleTick, integrated
+from slipctl.models.vehicle.certificate.axle_tick import AxleTick, state_after
 from slipctl.models.vehicle.control import wheel
 from slipctl.models.vehicle.plant import actuator
 
@@ -111,7 +111,7 @@ class SlideTick(AxleTick):
         for _ in range(round(self.period / T_S) - 1):  # the brake has shorter ticks
             act_next = self._braked(brake, act_next, asked)[0]
         rate = lambda x: numbers.r / numbers.J * T_b - height * fall(x) - self.steady + w  # noqa: E731
-        s_next = integrated(rate, s, self.period)
+        s_next = state_after(rate, s, self.period)
         after = commanded(own_next, s_next, act_next, noise)[1]
         states = [SLIP, *_names(control, "law"), *_names(brake, "act")]
         f = ca.Function(

@@ -40,6 +40,12 @@ DOUBT = 1.0
 TEST = 0.7
 """Seconds that this may take."""
 
+RUNS_UP = 2.0
+"""Acceleration of a rim in m/s^2 by which an axle that is let go runs up, as on a rail of 0.01."""
+
+AGAIN = 60.0
+"""Seconds for which an axle that ran up is not asked again: on leaves leading axles slide alone."""
+
 
 def all_hold(conditions: Sequence[Any]) -> Any:
     """Whether all conditions hold."""
@@ -72,7 +78,8 @@ def axle_signals(n: int) -> list[Signal]:
         learnt=State("s", 0.0, "time that it was learnt in", shape=each),
         mean=State("rad/s", "omega_start", "wheel speed, filtered", shape=each),
         still=State("s", 0.0, "time that a wheel let go has not run up in", shape=each),
-        doubt=State("s", 0.0, "time that it has been sliding alone", shape=each),
+        doubt=State("s", 0.0, "time that it has been sliding alone; below 0 after it ran up",
+                    shape=each),
         ban=State("s", 0.0, "time for which its speed is not to be believed", shape=each),
         torque=State("N m", 0.0, "torque, as the commands have it", shape=each),
         odd=State("s", 0.0, "time that the measured torque has been another", shape=each),
@@ -200,6 +207,11 @@ class AxleSample:
         s, k = self.s, self.k
         held = all_hold([self.slides, alone, demand > 0.02 * s["T_max"],
                          s["T_cmd"][k] < 0.9 * demand, s["ban"][k] <= 0])  # fmt: skip
-        time = time_without_break(held, s["doubt"][k], s["T"])
+        before = s["doubt"][k]
+        runs_up = logic_or(logic_not(self.slides), logic_and(self.free, self.gain > RUNS_UP))
+        ran_up = logic_and(before > DOUBT, runs_up)
+        counted = if_else(held, before + s["T"], 0)
+        time = if_else(before < 0, fmin(before + s["T"], 0), counted)
+        time = if_else(ran_up, -AGAIN, time)
         self.doubted = if_else(time > DOUBT + TEST, 0, time)
         self.test = self.doubted > DOUBT

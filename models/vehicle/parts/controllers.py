@@ -69,9 +69,8 @@ class TrainSlip(Part):
     )  # fmt: skip
     within: float = number("1", 3.0, "factor within which that is known", lo=1, hi=100)
     caution: float | None = number(
-        "1", None, "share of the strength that is counted on; none: the largest with which this"
-        " train stops no more than 1 % later than with best slips, whatever the strength within"
-        " that factor, and 0 where it gains less than .5 %", lo=0, hi=1,
+        "1", None, "share of the strength that is counted on; none: worked out, so that the train"
+        " stops at most 1 % later than with best slips", lo=0, hi=1,
     )  # fmt: skip
     condition: str = text_field("", "rail without the layer; none: that of the first section")
     layer: Mapping[str, float | str] = text_field(
