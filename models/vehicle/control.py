@@ -459,7 +459,7 @@ def _searched(
     curve: Block, begin: tuple[tuple[str, float], ...], noise: float, ticks: int, tick: float
 ) -> tuple[Mapping[str, Block], Mapping[str, str]]:
     """Parts that find the best slip, and their wires; made once for all controllers of a trip."""
-    parts, wires = best_slip.search_parts(curve, dict(begin), noise, ticks, tick)
+    parts, wires = best_slip.search_parts(curve, dict(begin), noise, ticks, tick, runs=4)
     return parts | searched_ranges(parts, curve, dict(begin)), wires
 
 

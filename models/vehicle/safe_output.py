@@ -186,8 +186,8 @@ def begun_at_torque(block: Block, state: str, sign: float) -> Block:
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         held = {n: x[n] for n in block.states}
         held[state] = if_else(x["begun"] > 0.5, x[state], sign * u["T_begin"])
-        nxt, y = block.f(block.pack("state", held), block.pack("input", u), block.pack("param", p))
-        return block.unpack("state", nxt) | {"begun": 1}, block.unpack("output", y)
+        nxt, y = block.expr(held, {n: u[n] for n in block.inputs}, p)
+        return dict(nxt) | {"begun": 1}, y
 
     def rebuild(parts: dict[str, Block]) -> Block:
         return begun_at_torque(parts[block.name], state, sign)
@@ -198,7 +198,7 @@ def begun_at_torque(block: Block, state: str, sign: float) -> Block:
         block.name, "step", body,
         [*block.states.values(), begun, *block.inputs.values(), first, *block.params.values(),
          *block.outputs.values()],
-        period=block.period, sx=False,
+        period=block.period, sx=block.sx,
         doc=f"{block.doc}\n\nIts integral begins at the torque that the rail carries.",
         choices=block.choices | {"begins": state}, conditions=block.conditions,
         composition=Composition.around(block, rebuild),

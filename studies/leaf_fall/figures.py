@@ -11,7 +11,6 @@ from slipctl import Figure, Results
 from slipctl.analysis.rail_peaks import Peaks
 from slipctl.draw import plots
 from slipctl.models.vehicle.adhesion import contaminated_law, rail_law
-from slipctl.models.vehicle.contamination import Peaks
 from slipctl.studies.leaf_fall.bound import RULES
 from slipctl.studies.leaf_fall.claims import HARDENS, SCENARIOS
 from slipctl.studies.leaf_fall.experiments import REACH, SIZES, STRENGTHS

@@ -26,18 +26,17 @@ _SMALL = {
         const bool unknown = first || (whole >= MEMORY_);
         const bool anything = unknown || (change >= DBL_MAX);
         const double way = fabs(value - *last);
-        const bool close_by = way <= noise + change * (whole + 1.0);
-        if (!((value >= lo) && (value <= hi) && (anything || close_by))) {
-            const unsigned int told = (fabs(value) <= DBL_MAX) ? OFF_RANGE_ : BAD_INPUT_;
-            *age = unknown ? whole : (whole + 1.0);
-            return (first || (whole >= stale)) ? (told | REFUSED_) : told;
-        }
         const bool follows = anything || (way <= noise + change) || (*age <= whole);
         const bool again = whole > 1.0; /* it was not good for a while before */
-        *last = value;
-        *age = again ? (((whole > MEMORY_) ? MEMORY_ : whole) - 0.5) : 0.0;
-        if (!follows) { return OFF_RANGE_; }
-        return again ? UNSURE_ : 0U; }""",
+        if ((value >= lo) && (value <= hi)
+            && (anything || (way <= noise + change * (whole + 1.0)))) {
+            *last = value;
+            *age = again ? (((whole > MEMORY_) ? MEMORY_ : whole) - 0.5) : 0.0;
+            return follows ? (again ? UNSURE_ : 0U) : OFF_RANGE_;
+        }
+        *age = unknown ? whole : (whole + 1.0);
+        return ((fabs(value) <= DBL_MAX) ? OFF_RANGE_ : BAD_INPUT_)
+            | ((first || (whole >= stale)) ? REFUSED_ : 0U); }""",
     "hand_over_all": f"""unsigned int hand_over_all(const double *value, int n, double *last) {{
         unsigned int told = 0U;
         {_EACH} {{ told |= hand_over(value[k], &last[k]); }}
