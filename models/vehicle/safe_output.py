@@ -88,7 +88,8 @@ def safe_command(mode: str | float, driven: bool = False) -> Block:
         held = logic_and(back <= 0, retry < 0.5)
         relied = all_hold([ready > 0.5, sound > 0.5, held, v >= v_off])
         rests = top if mode == "demand" else fmin(T_h if mode == "hold" else float(mode), top)
-        gives = if_else(logic_and(ready > 0.5, held) if driven else ready > 0.5, top, rests)
+        good = logic_and(ready > 0.5, held) if driven else ready > 0.5
+        gives = top if mode == "demand" else if_else(good, top, rests)
         wanted = if_else(relied, if_else(test > 0.5, 0, fmin(T_slip, top)), gives)
         # what is not slip control's own rises slowly, and so does its way back to the demand
         ramp = logic_and(logic_or(logic_not(relied), slow > 0.5), on < 0.5)

@@ -28,7 +28,7 @@ BAD_INPUT, BAD_RESULT, BAD_PARAM, OFF_RANGE, LIMITED, REFUSED, RESET, NO_INIT, T
 MARK_NAME = "INITIALISED"
 """What ``init`` leaves in a state; a step of a state without it is refused."""
 
-MARK_TEXT = f"#define {MARK_NAME} 9240613UL /* what init leaves in a state */"
+MARK_TEXT = f"#define {MARK_NAME} 9240613U /* what init leaves in a state */"
 
 PATIENCE = 10
 """Ticks refused in a row after which a part is reset, and after as many more the next one."""

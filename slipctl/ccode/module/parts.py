@@ -43,8 +43,12 @@ from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import ANY, FINITE, Unsupported, Writer, constant, number
 from slipctl.ccode.tree.functions import Functions
 from slipctl.ccode.tree.graph import free_name
+from slipctl.ccode.tree.loops import passed_on
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import code, expression
+
+ARGUMENTS = 31
+"""Arguments of a C function at most; what would have more is written where it is called."""
 
 
 @dataclass
@@ -419,6 +423,9 @@ class Parts:
         page: Told,
     ) -> list[Node]:  # fmt: skip
         sources = []
+        inner = passed_on(f)
+        if inner is not None and inner.n_in() + inner.n_out() > ARGUMENTS:
+            f = inner
         for i, at in enumerate(places):
             if at is None and f.nnz_in(i) > 1:
                 raise Unsupported("a vector that comes later")
