@@ -179,11 +179,9 @@ def polach(
     v_min=Param("m/s", 1.0, "speed below which the creep is not divided", GUESS, lo=1e-3, hi=10),
 ):
     """Adhesion over creep after Polach, with friction that falls; Wang 2025 eqs (6)-(8)."""
-    falling = (1 - A) * exp(-B * fabs(v_s)) + A
-    mu_vf = mu_0 * falling
+    mu_vf = mu_0 * ((1 - A) * exp(-B * fabs(v_s)) + A)
     eps = KEPS / mu_vf * v_s / fmax(fabs(v), v_min)
-    eps_A = k_A * eps
-    return 2 * mu_vf / pi * (eps_A / (1 + eps_A**2) + atan(k_S * eps))
+    return 2 * mu_vf / pi * (k_A * eps / (1 + (k_A * eps) ** 2) + atan(k_S * eps))
 
 
 def creep_law(form: str = "consistent", surfaces: Surfaces = SURFACES) -> Block:
