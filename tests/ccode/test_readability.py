@@ -34,7 +34,7 @@ MOST = {
 """Lines of the parts, of the module around them, share of anonymous assignments: to be lowered."""
 
 LONGER = {
-    "hst_braking:eppfc": (475, 394, 0.043),
+    "hst_braking:eppfc": (475, 394, 0.044),
     "hst_braking:eppfc@real": (517, 409, 0.04),
     "hst_braking:eppfc_free": (710, 428, 0.05),
     "hst_traction:smc_limited": (292, 637, 0.085),
