@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from casadi import fabs, fmax, fmin, if_else, logic_and
+from casadi import fabs, fmax, fmin, if_else
 
 from slipctl import (
     BadInput,
@@ -21,7 +21,6 @@ from slipctl import (
     Input,
     Output,
     Param,
-    State,
     connect,
     flip_sign,
     law,
@@ -29,9 +28,8 @@ from slipctl import (
     mirror,
     replicate,
     sampled,
-    step,
 )
-from slipctl.models.brakes import brake, brake_gain
+from slipctl.models.brakes import brake, brake_gain, dynamic_brake, sum_of_torques, track_brake
 from slipctl.models.common_form import T_S
 from slipctl.models.shared_names import SLOPE
 from slipctl.models.vehicle.air.pneumatics import cylinder, magnet_valves, reservoir
@@ -104,24 +102,6 @@ def with_gradient(
     return F_R + m * g * slope
 
 
-@step(F_B=Output("N", "running resistance and magnets", positive="braking"))
-def track_brake(
-    t=State("s", 0.0, "time since the start", lo=0, hi=1e6),
-    F_R=Input("N", "running resistance"),
-    v=Input("m/s", "vehicle speed"),
-    attraction=Param("N", 1e5, "of all magnets to both rails", ADDED, lo=1, hi=1e7),
-    friction=Param("1", 0.2, "of a magnet on the rail, slow", ADDED, lo=1e-3, hi=1),
-    fall=Param("s/m", 0.03, "of that with the speed", ADDED, lo=0, hi=1),
-    delay=Param("s", 1.0, "from the start until they lie on the rails", ADDED, lo=0, hi=60),
-    above=Param("m/s", 20 / 3.6, "speed below which they are lifted", ADDED, lo=0.5, hi=50),
-    T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
-):  # fmt: skip
-    """F_B = F_R + friction/(1 + fall v) attraction, while they lie on the rails."""
-    lies = logic_and(t + 0.5 * T >= delay, v > above)
-    rubs = attraction * friction / (1 + fall * fabs(v))
-    return dict(t=t + T), dict(F_B=F_R + if_else(lies, rubs, 0))
-
-
 def valve_brake() -> Block:
     """Air brake behind its valve, from ``T_cmd`` to ``T_b``, both braking positive."""
     wires = {
@@ -189,22 +169,48 @@ def air_brake_of_axle(part: Air, mass: float) -> Block:
 
 
 def _air(part: Air, vehicle: Vehicle, many: int) -> tuple[dict[str, Block], dict[str, str]]:
-    """Air brakes of all axles, with the air of the vehicle, and their wires."""
-    one = air_brake_of_axle(part, vehicle.total)
+    """Air brakes of all axles, with the air of the vehicle, and their wires.
+
+    Where motors brake too, the demand of each axle is what they leave of it.
+    """
+    one, each = air_brake_of_axle(part, vehicle.total), vehicle.dynamic_brake is not None
     numbers = {"p_s": part.supply, "p_start": part.reserve or part.supply, "charge": part.charge}
     if part.reservoir is not None:
         numbers["V_r"] = part.reservoir
     parts = {
-        "act": replicate(one, many, ["T_demand", "supply"]),
+        "act": replicate(one, many, ["supply"] if each else ["T_demand", "supply"]),
         "air": reservoir(many).with_params(**numbers),
     }
-    ticks, demand = round(part.reaction / T_S), "T_demand"
+    ticks, demand = round(part.reaction / T_S), "motors.T_f" if each else "T_demand"
     wires = {"act.hold": "hold", "act.vent": "vent", "act.supply": "air.supply",
              "air.drawn": "act.drawn", "pressure": "act.pressure"}  # fmt: skip
     if ticks:
-        parts["reaction"] = dead_time(ticks, "N m", "braking")
-        wires["reaction.u"], demand = "T_demand", "reaction.y"
+        waits = dead_time(ticks, "N m", "braking")
+        parts["reaction"] = replicate(waits, many) if each else waits
+        wires["reaction.u"], demand = demand, "reaction.y"
     return parts, wires | {"act.T_demand": demand}
+
+
+def _motors(vehicle: Vehicle, air: bool) -> tuple[dict[str, Block], dict[str, str]]:
+    """Motors that brake first, and their wires; those of axles without one have no torque."""
+    part, n = vehicle.dynamic_brake, vehicle.axles
+    assert part is not None
+    tops: Any = np.array([part.torque * (k in (part.axles or range(1, n + 1)))
+                          for k in range(1, n + 1)])  # fmt: skip
+    own = {"T_top": tops, "r": np.array(vehicle.radii)}
+    own = {k: v if len(set(v)) > 1 else float(v[0]) for k, v in own.items()}
+    given = {"P_top": part.power, "lost": part.lost}
+    one = dynamic_brake.with_params(
+        tau_e=part.lag, v_full=part.fades_from, v_gone=part.fades_to, pause=part.pause,
+        **{k: v for k, v in given.items() if v is not None},
+    )  # fmt: skip
+    distinct = [k for k, v in own.items() if not isinstance(v, float)]
+    motors = replicate(one, n, ["T_cmd"] if air else ["hold", "vent"], distinct)
+    wires = {"motors.T_cmd": "T_demand" if air else "T_cmd", "motors.omega": "train.omega"}
+    if air:
+        wires |= {"motors.hold": "hold", "motors.vent": "vent"}
+    both = {"sum": replicate(sum_of_torques, n), "motors": motors.with_params(**own)}
+    return both, wires | {"sum.T_e": "motors.T_e"}
 
 
 def motor_limit(part: Lag, radius: float) -> Block:
@@ -295,6 +301,16 @@ def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None
             wires |= {"pads.T": torque, "pads.omega": "train.omega"}
             torque = "pads.T_b"
         wires["train.T_b"] = torque
+    if vehicle.dynamic_brake is not None:
+        motors, more = _motors(vehicle, isinstance(part, Air))
+        if "pads" in parts:  # what is measured is at their nominal friction
+            motors["seen"] = motors["sum"]
+            more |= {"seen.T_f": wires["T"], "seen.T_e": "motors.T_e"}
+        wires |= more | {"sum.T_f": torque, "train.T_b": "sum.T_b"}
+        wires["T"] = "seen.T_b" if "pads" in parts else "sum.T_b"
+        if not isinstance(part, Air):
+            wires["act.T_cmd"] = "motors.T_f"
+        parts |= motors
     if moves:
         parts["transfer"] = load_transfer(vehicle)
         wires |= {"transfer.a": "train.a", "train.dN": "transfer.dN"}

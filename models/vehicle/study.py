@@ -88,6 +88,11 @@ MAGNETS = (
     " [vehicle.track_brake]"
 )
 
+MOTORS = (
+    "motors brake beside the actuators, and no certificate bounds a torque of two brakes; leave out"
+    " [vehicle.dynamic_brake]"
+)
+
 NO_LAYER = (
     "the rail is contaminated, and no certificate bounds an adhesion that wheels change; leave out"
     " [rail.contamination] and name the layer as a rail condition"
@@ -138,6 +143,7 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
             (trip.rail.contamination is not None, NO_LAYER),
             (isinstance(trip.actuator, Air), BITS),
             (trip.vehicle.track_brake is not None, MAGNETS),
+            (trip.vehicle.dynamic_brake is not None, MOTORS),
         ) if there
     ]  # fmt: skip
     if unlike:

@@ -286,7 +286,7 @@ def targets(block: Block, name: str, roles: Iterable[str] = ("param", "state")) 
         missed = [p for p in places if p not in hits]
         if missed and not any(h in block.sharing.owners for h in hits if _same(block, h, shared)):
             raise BadInput(
-                f"{name} meets {len(places) - len(missed)} of the {len(places)} places of"
+                f"{name} matches {len(places) - len(missed)} of the {len(places)} places of"
                 f" {shared}; write {shared}= for all of them, or {hit}= for that one alone"
             )
         if hit not in left:

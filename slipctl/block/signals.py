@@ -158,7 +158,7 @@ class Signal:
             follows = {b.what for b in self.bounds}
             if "change" not in follows and (self.jitter or "noise" in follows):
                 raise BadInput(
-                    f"{where}: noise is what is beside a largest change; give change, too"
+                    f"{where}: noise widens the limit on the change of a tick; give change, too"
                 )
         if self.stale != 200:
             check_whole(f"{where}: stale", self.stale, 0)

@@ -93,7 +93,7 @@ def _transition(
         if state not in allowed:
             raise BadInput(f"{where}: {state!r} is no state{nearest(str(state), allowed)}")
     if here == to:
-        raise BadInput(f"{where}: it leads to where it is; leave it out")
+        raise BadInput(f"{where}: the transition leads back to its own state; leave it out")
     try:
         found = expression.read(text)
     except Faults as error:

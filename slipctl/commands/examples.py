@@ -47,8 +47,8 @@ RUN = """\
 """
 
 SWEEP = """\
-A run is kept as soon as it ends. The same line again goes on where it was stopped, a larger
---samples extends what is there.
+Each run is stored as soon as it ends. The same command resumes a stopped sweep; a larger --samples
+extends it.
 
   slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50:10 --out out/grid
   slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50 m=28t:42t --samples 1000 --out out/draws
@@ -58,8 +58,8 @@ A run is kept as soon as it ends. The same line again goes on where it was stopp
 """
 
 TUNE = """\
-The gains set by hand are a candidate. What has no certificate is not run. The same line again goes
-on where it was stopped.
+The search starts with the gains set by hand. It runs only gains that have a certificate. The same
+command resumes a stopped search.
 
   slipctl tune subway_braking:sta --free k1=1:60 k2=1:60 --minimise distance --out out/sta
   slipctl tune hst_braking:eppfc --free K1=5:50 --minimise slip_error_rms \\

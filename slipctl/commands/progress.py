@@ -43,12 +43,6 @@ class Progress:
             self.told[what] = now
             log.info("%s", self._line(what))
 
-    def done(self, what: str) -> None:
-        """Say that it is done; it has no line any more."""
-        self.shares[what] = 1.0
-        if self.moving:
-            self._draw()
-
     def _line(self, what: str) -> str:
         """One that goes on: share done and time left."""
         share = self.shares[what]

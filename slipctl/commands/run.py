@@ -30,7 +30,7 @@ from slipctl.study.cache import Keep, key_of
 from slipctl.study.failure_log import note_failure
 from slipctl.study.files import results_folder
 from slipctl.study.jobs import Cores
-from slipctl.study.report.remarks import answer_lines, estimator_remarks, warnings_of_runs
+from slipctl.study.report.remarks import answer_line, estimator_remarks, warnings_of_runs
 from slipctl.study.report.texts import changes, claim_line, claim_table, left_to_full, metric_table
 from slipctl.study.request import Request
 from slipctl.study.verdicts import Verdict, judge
@@ -84,6 +84,9 @@ class _Run:
         total = sum(len(c.loops) for c in cases) + len(experiments)
         self.progress = Progress(total, sys.stderr, options.quiet)
         self.unprinted: OSError | None = None
+        study = results.study
+        vehicle = not study.headline and not study.claims
+        self.unanswered = [(c.scenario.name, n) for c in cases for n in c.loops if vehicle]
 
     def answer(self) -> int:
         """Run, write and print; gives the exit code."""
@@ -97,12 +100,12 @@ class _Run:
             execution.run(
                 results.study, results.cases, self.models, quick=results.quick,
                 compile=not self.options.no_compile, experiments=self.experiments,
-                report=self.progress, results=results, keep=self.keep, command=self.command,
+                report=self._heard, results=results, keep=self.keep, command=self.command,
                 cores=self.cores,
             )  # fmt: skip
             self._found_tables()
             self.progress.end()
-            self._tell(self._answers())
+            self._tell(self._headline())
             self._metrics()
             self._save(
                 "report.html",
@@ -125,12 +128,12 @@ class _Run:
             print(out / "report.html")
         return 1 if results.failed else 0
 
-    def _tell(self, text: str) -> None:
+    def _tell(self, text: str, end: str = "\n\n") -> None:
         """Print for a person, at once; where that fails, the run goes on and says so at its end."""
         if text and not self.options.json and not self.unprinted:
             self.progress.end()
             try:
-                print(text, end="\n\n", flush=True)
+                print(text, end=end, flush=True)
             except OSError as error:  # nobody reads any more, or a full disk
                 self.unprinted = error
 
@@ -143,20 +146,33 @@ class _Run:
             parts += ["", _filled(study.doc), "", _filled(study.short)]
         return "\n".join(p for k, p in enumerate(parts) if p or k > 1)
 
-    def _answers(self) -> str:
-        """The claim that a study stands or falls with; of a vehicle, a line for each controller."""
+    def _heard(self, what: str, share: float) -> None:
+        """Show how far a run is; where it has ended, print the lines that it makes complete.
+
+        A line for each controller of a vehicle, in the order of the file.
+        """
+        self.progress(what, share)
+        results = self.results
+        while share >= 1.0 and self.unanswered:
+            scenario, loop = self.unanswered[0]
+            there = loop in results.metrics.get(scenario, {})
+            if not there and f"{scenario}/{loop}" not in results.failed:
+                break
+            self.unanswered.pop(0)
+            end = "\n" if self.unanswered else "\n\n"
+            self._tell(_filled(answer_line(results, scenario, loop), "  ") if there else "", end)
+
+    def _headline(self) -> str:
+        """The claim that a study stands or falls with."""
         results, study = self.results, self.results.study
-        if study.headline:
-            options = self.options
-            changed = claim_scope.changes(results, options.settings, options.swaps, self.models)
-            claim = next(c for c in study.claims if c.id == study.headline)
-            with suppress(Exception):  # the table of claims says why its answer breaks
-                return _filled(claim_line(judge(claim, results, changed)))
+        if not study.headline:
             return ""
-        if study.claims:
-            return ""
-        blocks = [answer_lines(results, s) for s in results.metrics]
-        return "\n".join(_filled(line, "  ") for lines in blocks for line in lines.values())
+        options = self.options
+        changed = claim_scope.changes(results, options.settings, options.swaps, self.models)
+        claim = next(c for c in study.claims if c.id == study.headline)
+        with suppress(Exception):  # the table of claims says why its answer breaks
+            return _filled(claim_line(judge(claim, results, changed)))
+        return ""
 
     def _found_tables(self) -> None:
         """Take what an earlier run has found in experiments that this one leaves out."""

@@ -126,7 +126,7 @@ def read_axes(text: str, system: System, numbers: Mapping[str, Fraction]) -> tup
                 raise BadInput(f"--map {part!r}: write {name}=LO:HI")
             lo, hi = (parse_quantity(e, unit, f"--map {name}") for e in pair)
         elif not numbers.get(name):
-            raise BadInput(f"--map {text}: {name} is not told, so its axis needs a range;"
+            raise BadInput(f"--map {text}: {name} is not given, so its axis needs a range;"
                            f" write {name}=LO:HI")  # fmt: skip
         else:
             here = float(numbers[name])

@@ -15,7 +15,7 @@ from slipctl.design import statement
 from slipctl.design.gain_search import TRAINING
 from slipctl.design.judgement import CLOSE, Judged, Slice
 from slipctl.design.tune import Tuned
-from slipctl.draw import distributions, plots
+from slipctl.draw import distributions, looks, plots
 from slipctl.study.report.report_page import STYLE, image, table
 from slipctl.study.report.texts import number, number_or_never, with_unit, wrap_table
 
@@ -107,7 +107,8 @@ def differences(found: Tuned) -> list[str]:
     if found.search.best is found.search.by_hand:
         return ["no candidate was better than the gains set by hand, so they are kept"]
     lines = []
-    for goal, its in zip(found.search.objectives, judged.each, strict=True):
+    for goal, its, u in zip(found.search.objectives, judged.each, _units(found), strict=True):
+        unit = "" if u == "1" else f" {u}"
         mean, error = its.difference, its.error
         lost, before = its.tuned.lost(), its.by_hand.lost()
         many = len(its.tuned.values)
@@ -118,12 +119,12 @@ def differences(found: Tuned) -> list[str]:
             )
         if not math.isfinite(mean):
             continue
-        sure = "more than" if abs(mean) > 2 * error else "within"
+        sure = "more than" if abs(mean) > 2 * error else "at most"
         which = f"{goal.text}, " if judged.more else ""
         lines.append(
             f"{which}tuned minus by hand, the same {len(its.tuned.values)} held-out draws:"
-            f" {mean:+.4g} +- {error:.2g} (standard error), {sure} twice the error"
-            + (", of the draws that both reach" if lost or before else "")
+            f" {mean:+.4g} +- {error:.2g}{unit} (standard error): {sure} twice the error"
+            + (", over the draws that both reach" if lost or before else "")
         )
     return lines
 
@@ -251,9 +252,10 @@ def _units(found: Tuned) -> list[str]:
 def _sliced(slices: Sequence[Slice], what: tuple[str, str]) -> plots.Figure:
     fig, axes = plots.panels(len(slices), 1, height=2.4)
     for axis, s in zip(axes[:, 0], slices, strict=True):
-        log = "x" if s.free.lo > 0 and s.free.hi >= 10 * s.free.lo else ""
         plots.lines({s.free.name: (s.values, s.means)}, (s.free.name, s.free.unit), what,
-                    axis=axis, points=True, log=log, legend=False)  # fmt: skip
+                    axis=axis, points=True, legend=False)  # fmt: skip
+        if s.free.lo > 0 and s.free.hi >= 10 * s.free.lo:
+            looks.logarithmic(axis, "x")
         axis.axvspan(s.lo, s.hi, color="#0072B2", alpha=0.12, lw=0)
         axis.axvline(s.free.now, color="#7F7F7F", ls=":", lw=1)
     return fig

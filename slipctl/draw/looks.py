@@ -9,7 +9,7 @@ import hashlib
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
@@ -320,12 +320,13 @@ def names_below(groups: Mapping[str, Any]) -> list[str]:
     return [n.replace("_", "_\n", 1) if many and len(n) > 9 else n for n in groups]
 
 
-def logarithmic(axis: Axes) -> None:
-    """Logarithmic heights, marked 1, 2, 5 and in plain numbers, so that no mark is on another."""
+def logarithmic(axis: Axes, along: Literal["x", "y"] = "y") -> None:
+    """Logarithmic scale, marked 1, 2, 5 and in plain numbers, so that no mark is on another."""
     from matplotlib.ticker import FuncFormatter, LogLocator
 
-    axis.set_yscale("log")
-    axis.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))
+    axis.set(**{f"{along}scale": "log"})
+    scale = axis.xaxis if along == "x" else axis.yaxis
+    scale.set_minor_locator(LogLocator(subs=(2, 5)))
     plain = FuncFormatter(lambda x, _: f"{x:g}")
-    axis.yaxis.set_major_formatter(plain)
-    axis.yaxis.set_minor_formatter(plain)
+    scale.set_major_formatter(plain)
+    scale.set_minor_formatter(plain)

@@ -257,7 +257,7 @@ def _unit_of(law: Block, name: str) -> str:
 def _untold(
     law: Block, curve: Curve, origin: Mapping[str, str], said: Collection[str]
 ) -> tuple[str, ...]:
-    """The line on numbers that nobody told and that the fitted curve depends on."""
+    """The line on numbers that were not given and that the fitted curve depends on."""
     names = [n for n, o in origin.items() if o.startswith("the law's own") and n not in said]
     if not names:
         return ()
@@ -271,7 +271,7 @@ def _untold(
     )[1].full().reshape(len(names), -1, order="F")  # fmt: skip
     moved = [n for n, row in zip(names, J, strict=True) if np.any(row)]
     own = ", ".join(f"{n} = {float(values[n]):.5g} {law.params[n].unit}" for n in moved)
-    return (f"not told, taken from the law: {own.replace(' 1,', ',').removesuffix(' 1')}",) * bool(
+    return (f"not given, taken from the law: {own.replace(' 1,', ',').removesuffix(' 1')}",) * bool(
         moved
     )
 

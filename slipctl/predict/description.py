@@ -102,7 +102,7 @@ def estimator(
     """Lines of a moving-horizon estimator, over its newest samples k = 1 .. samples."""
     x, y, M = _vector(unknown), _vector(measured), samples
     rows = [
-        ("minimise", f"|{x}[1] - a|^2 / P, what the samples before the window tell"),
+        ("minimise", f"|{x}[1] - a|^2 / P, the estimate from the samples before the window"),
         ("", f"+ sum for k = 2 .. {M} of |{x}[k] - F({x}[k-1])|^2 / (drift period)"),
         ("", f"+ sum for k = 1 .. {M} of |{y}[k] - samples[k]|^2 / noise"),
     ]
@@ -126,7 +126,7 @@ def solver(
     """How a controller solves its problem."""
     times = "one real-time iteration" if iterations == 1 else f"{iterations} real-time iterations"
     if name in ("ipopt", "fatrop"):
-        return f"{name}, to the end in each tick"
+        return f"{name}, to convergence in each tick"
     if name != "riccati":
         return f"{times} a tick, each a quadratic program for {name}"
     inner = f", then at most {rescue} steps of an interior point" if rescue else ""
@@ -169,4 +169,4 @@ def _price(name: str, limit: Soft) -> list[str]:
 def _hard(name: str, N: int) -> str:
     n = _short(name)
     where = f"k = {N}" if name.startswith("final.") else f"k = 0 .. {N}"
-    return f"{n}_min <= {n}[k] <= {n}_max, {where}: hard, given up last and told by status 3"
+    return f"{n}_min <= {n}[k] <= {n}_max, {where}: hard, violated last; status 3 reports it"

@@ -38,7 +38,7 @@ log = logging.getLogger("slipctl")
 T = TypeVar("T")
 
 Report = Callable[[str, float], None]
-"""Called with what is running and the share of it that is done."""
+"""Called with what is running and the share of it that is done: 1 when its results are there."""
 
 
 def run(
@@ -66,7 +66,7 @@ def run(
         quick: as told to :func:`prepare`.
         compile: compile the loops where there is a compiler.
         experiments: run them too, or those named.
-        report: told how far each run is.
+        report: told how far each run is, and when its results are there.
         results: filled as the runs finish, so that an interrupted call leaves what was done.
         keep: folder in which logs and finished experiments are kept, and from which those of an
             earlier run of the same are taken; None keeps nothing.
@@ -77,6 +77,7 @@ def run(
     given = study.models if models is None else models
     cores = cores or Cores(1)
     jobs: dict[str, Job[Any]] = {}
+    tell = report or (lambda what, share: None)
     # what a report needs first comes first; the experiments take longest; a core that is free at
     # the end takes the other runs, which are short
     wanted = experiments if not isinstance(experiments, bool) else study.experiments
@@ -90,7 +91,7 @@ def run(
     if jobs:
         load_logs()
     try:
-        with closing(run_jobs(jobs, cores, report or (lambda what, share: None))) as outcomes:
+        with closing(run_jobs(jobs, cores, tell)) as outcomes:
             for what, outcome in outcomes:
                 _load(study)
                 with note_failure(results, what):
@@ -102,6 +103,7 @@ def run(
                         results.tables[what] = found
                         if keep is not None:
                             keep.keep_tables(what, found)
+                tell(what, 1.0)
     finally:  # what had finished before Ctrl-C is in order too
         for case in cases:
             _finish(results, case)
@@ -122,9 +124,12 @@ def _add_runs(
     keep: Keep | None,
     command: str,
 ) -> None:
-    """Add the runs of cases, the longest first, so that no core is idle while it ends."""
-    runs = [(_size(case, name), case, name) for case in cases for name in case.loops]
-    for _, case, name in sorted(runs, key=lambda run_: -run_[0]):
+    """Add the runs of cases: the first one, whose answer is read first, then the longest first.
+
+    So no core is idle while the longest ends.
+    """
+    runs = [(case, name) for case in cases for name in case.loops]
+    for case, name in [*runs[:1], *sorted(runs[1:], key=lambda run_: -_size(*run_))]:
         jobs[f"{case.scenario.name}/{name}"] = _loop_job(
             results, case, name, compile, keep, command
         )

@@ -98,18 +98,62 @@ def _column(table: Table, wanted: str) -> tuple[str, str]:
             continue
         ranked.append((said[0], n == "T", n))
     if ranked:
-        return min(ranked)[2], ""
-    for n in table.cells:
+        best = min(ranked)[:2]
+        return _only_one(table, [r[2] for r in sorted(ranked) if r[:2] == best]), ""
+    alike = [
+        n for n, cells in table.cells.items()
         if is_time_unit(table.units[n]) or (
-            table.cells[n].dtype == object and clock.is_time(str(table.cells[n][0]))
-            and not clock.is_date(str(table.cells[n][0]))
-        ):  # fmt: skip
-            table.notes.append(f"{n} is taken for the time")
-            return n, ""
+            cells.dtype == object and clock.is_time(str(cells[0]))
+            and not clock.is_date(str(cells[0]))
+        )
+    ]  # fmt: skip
+    if alike:
+        found = _only_one(table, alike)
+        table.notes.append(f"{found} is taken for the time")
+        return found, ""
     if same := [n for n in table.twice if time_in_name(n)]:
         table.find(same[0])
     raise BadInput(f"{table.path} has no column of times; say which by --time COLUMN[s]; it has"
                    f" {', '.join([*table.cells, *table.others][:12])}")  # fmt: skip
+
+
+def _only_one(table: Table, names: list[str]) -> str:
+    """Of columns that may all be the time, the one that rises; refused where clocks differ."""
+    rising = [n for n in names if len(names) == 1 or _rises(table, n)] or names[:1]
+    if other := [n for n in rising[1:] if not _same_clock(table, rising[0], n)]:
+        raise BadInput(f"{table.path}: {rising[0]} and {other[0]} may both be the time, and they"
+                       " differ; say which by --time COLUMN[s]")  # fmt: skip
+    return rising[0]
+
+
+def _rises(table: Table, name: str) -> bool:
+    """Whether nine steps of ten of a column go up; clock times are taken for such."""
+    cells = table.cells[name]
+    if cells.dtype == object and not _are_numbers(cells):
+        return True
+    try:
+        steps = np.diff(table.numbers(name).astype(float))
+    except BadInput:
+        return False
+    return bool(steps.size and np.mean(steps > 0) > 0.9)
+
+
+def _same_clock(table: Table, one: str, other: str) -> bool:
+    """Whether two columns that rise tell the same times, within a step; texts, if they are equal.
+
+    Where only one has a unit, or none, times in shares of the whole are compared.
+    """
+    a, b = table.cells[one], table.cells[other]
+    if not all(c.dtype != object or _are_numbers(c) for c in (a, b)):
+        return a.dtype != b.dtype or bool((a == b).all())
+    units = [table.units[n] or (time_in_name(n) or (0, ""))[1] for n in (one, other)]
+    known = all(is_time_unit(u) for u in units)
+    past = []
+    for n, u in zip((one, other), units, strict=True):
+        t = table.numbers(n).astype(float)
+        t = t - t[np.isfinite(t)][0]
+        past.append(t * (unit(u).scale if known else 1 / np.nanmax(np.abs(t))))
+    return bool(np.nanmax(np.abs(past[0] - past[1])) <= np.nanmedian(np.diff(past[0])))
 
 
 def _unit(table: Table, name: str, told: str) -> str:

@@ -17,11 +17,12 @@ study = Study(
     source="this study",
     doc="A train of eight axles brakes by air from 90 km/h into 300 m of leaves. Who stops it"
     " shortest by the valves of its cylinders, at what price, and how much is left to gain?",
-    short="Locked wheels stop about as short as a slide protection or shorter, but their contacts"
-    " are hot enough to harden steel. Where a joule cleans well, one large slip for all axles beats"
-    " the best slip of each, because the first axles rub off what the rest would slide on. Shorter"
-    " than any protection is the best of the whole train: leading axles at their limit, the last"
-    " ones near their own best slip.",
+    short="Locked wheels stop about as short as a slide protection or shorter, but their"
+    " contacts are hot enough to harden steel. Where a joule cleans well, one large slip"
+    " for all axles beats the best slip of each, because the first axles rub off the layer"
+    " on which the others would slide. The optimum of the whole train is shorter than any"
+    " slide protection: leading axles at their slip limit, the last ones near their own"
+    " best slip.",
     headline="bound",
     cases=cases,
     signals=SIGNALS,

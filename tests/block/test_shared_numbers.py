@@ -187,9 +187,9 @@ def test_an_estimator_may_begin_elsewhere_and_the_plant_may_not_leave_it_behind(
 
 @pytest.mark.parametrize("name", ["wheel.m", "plant.*.m", "ctl.*.m", "a.v_h", "b.omega_start"])
 def test_what_meets_only_some_places_is_refused_with_both_spellings(name):
-    with pytest.raises(BadInput, match=r"meets \d of the 3 places of \w+; write \w+= .* or \S+="):
+    with pytest.raises(BadInput, match=r"matches \d of the 3 places of \w+; write \w+= .* or \S+="):
         shared().with_params(**{name: 3000.0})
-    with pytest.raises(BadInput, match=r"meets \d of the 3 places"):
+    with pytest.raises(BadInput, match=r"matches \d of the 3 places"):
         simulate(shared(), Scenario("s", 0.05, params={name: 3000.0}), compile=False)
 
 

@@ -83,7 +83,10 @@ def test_the_diagram_has_states_and_conditions():
     [
         ({"transitions": [("aply", "hold", "v_s > 1")]}, "'aply' is no state; did you mean 'apply"),
         ({"transitions": [("apply", "*", "v_s > 1")]}, "'*' is no state"),
-        ({"transitions": [("hold", "hold", "v_s > 1")]}, "it leads to where it is"),
+        (
+            {"transitions": [("hold", "hold", "v_s > 1")]},
+            "leads back to its own state",
+        ),
         ({"transitions": [("apply", "hold", "v_s + 1")]}, "is no condition; write a comparison"),
         ({"transitions": [("apply", "hold", "v > 1")]}, "'v' is unknown; it has v_s"),
         ({"transitions": [("apply", "hold", "v_s >")]}, "valve: apply -> hold: 'v_s >', column"),

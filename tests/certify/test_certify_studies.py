@@ -290,7 +290,7 @@ def test_a_loop_is_certified_with_what_is_set(capsys, tmp_path, monkeypatch):
     assert main(["check", "sta.json"]) == 0
     assert "k1 = 30 m^.5/s^1.5" in capsys.readouterr().out
     assert main([*line[:-1], "wheel.m=9t"]) == 2
-    assert "wheel.m meets 1 of the 4 places of m" in capsys.readouterr().err
+    assert "wheel.m matches 1 of the 4 places of m" in capsys.readouterr().err
 
 
 # ---- the study gain_bounds -----------------------------------------------------------------------

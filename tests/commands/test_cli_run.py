@@ -17,7 +17,7 @@ import pytest
 
 from slipctl.commands.cli import main
 from slipctl.run import store
-from slipctl.study import jobs
+from slipctl.study import execution, jobs
 from slipctl.study.files import results_folder
 
 TESTS = Path(__file__).parents[1]
@@ -328,3 +328,65 @@ def test_a_fitted_law_is_what_runs_and_its_file_is_told(capsys) -> None:
     s, mu = (data[f"plant.{n}"].values[:300] for n in ("car.s", "adh.mu"))  # dry is the first half
     assert mu == pytest.approx(0.6 * (np.exp(-0.5 * s) - np.exp(-s)), abs=1e-6)
     assert f"curve.csv, sha256 {digest}" in Path("swapped/report.html").read_text(encoding="utf-8")
+
+
+CAR = """
+duration = "2 s"
+[vehicle]
+mode = "brake"
+mass = "9 t"
+axles = 1
+radius = "0.42 m"
+inertia = "110 kg m^2"
+speed = "60 km/h"
+[actuator]
+kind = "lag"
+torque = "8 kN m"
+lag = "60 ms"
+[rail]
+law = "double_exponential"
+[[rail.sections]]
+place = "0 m"
+condition = "wet"
+[demand]
+kind = "constant"
+deceleration = "1 m/s^2"
+[reference]
+kind = "speed"
+slip = "0.8 m/s"
+[controllers.none]
+kind = "none"
+[controllers.slow]
+kind = "pid"
+K = "100 1/s"
+[controllers.quick]
+kind = "none"
+"""
+
+
+@pytest.mark.parametrize("broken", ["", "none", "quick"])
+def test_a_controller_is_answered_as_soon_as_it_has_run(
+    monkeypatch: pytest.MonkeyPatch, capsys, broken: str
+) -> None:
+    """The first of the file runs first; lines come in the order of the file, none is lost."""
+    Path("car.toml").write_text(CAR)
+    seen: list[list[str]] = []
+    simulate = execution.simulate
+
+    def watched(loop, *more, **options):
+        seen.append(answered(capsys.readouterr().out))
+        if names.pop(0) == broken:
+            raise RuntimeError("broken on purpose")
+        return simulate(loop, *more, **options)
+
+    names = ["none", "slow", "quick"]
+    monkeypatch.setattr(execution, "simulate", watched)
+    assert main(["-q", "run", "car.toml", "--jobs", "1"]) == (1 if broken else 0)
+    seen.append(answered(capsys.readouterr().out))
+    first = [] if broken == "none" else ["none"]
+    assert seen == [[], first, ["slow"], [] if broken == "quick" else ["quick"]]
+
+
+def answered(text: str) -> list[str]:
+    """Controllers that have a line."""
+    return re.findall(r"^(none|slow|quick) .*; wheels", text, re.M)

@@ -175,7 +175,7 @@ def test_only_a_part_of_a_log_and_several_logs(capsys):
         (["--unknown", "c0,c3"], "coasting has no parameter 'c3'"),
         (["--column", "v=Speed"], "--map names v twice"),
         (["--ordered"], "--ordered is for a law"),
-        (["--between", "0s:3s"], "does not tell"),
+        (["--between", "0s:3s"], "does not determine"),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_line(capsys, change, wrong):

@@ -72,7 +72,7 @@ def test_cores_change_nothing_and_cells_touch() -> None:
 @pytest.mark.parametrize(("axes", "said"), [
     ("k1", "write two numbers"), ("k1,k1", "write two numbers"), ("k1,k3", "has no 'k3'"),
     ("k1=5:1,k2", "lo < hi"), ("k1=5,k2", "write k1=LO:HI"), ("k1=1:2m,k2", "another dimension"),
-    ("k1,T", "T is not told"), ("", "has no ''"),
+    ("k1,T", "T is not given"), ("", "has no ''"),
 ])  # fmt: skip
 def test_axes_that_are_none(axes: str, said: str) -> None:
     with pytest.raises(BadInput, match=said):

@@ -191,7 +191,7 @@ def test_alike_residuals_count_as_fewer():
     assert 12 < found.alike < 28
 
 
-# ---- what a log does not tell -------------------------------------------------------------------
+# ---- what a log does not determine --------------------------------------------------------------
 
 
 def test_a_narrow_range_of_speeds_is_told_with_its_deviation():
@@ -199,7 +199,7 @@ def test_a_narrow_range_of_speeds_is_told_with_its_deviation():
     log = {"time": t, "v": coasted(t) + 0.02 * noise(t.size)}
     found = fit_over_time(coasting, log, "v", ["c0", "c2"], at=KNOWN | {"c1": 0.0})
     (said,) = [d for d in found.doubts if d.startswith("c0")]
-    assert "is hardly told by 19.9 s of v from 23.1" in said
+    assert "is poorly determined by 19.9 s of v from 23.1" in said
     assert f"+- {found.std['c0']:.2g} N" in said
 
 
@@ -210,7 +210,7 @@ def test_what_is_worthless_is_refused_with_its_deviation(span, deviation, unknow
     t = np.arange(0, span, 0.1)
     log = {"time": t, "v": coasted(t) + deviation * noise(t.size)}
     at = KNOWN | ({"c1": 0.0} if unknown else {})
-    with pytest.raises(BadInput, match=r"does not tell c\d.*\+-.*record a wider range or longer"):
+    with pytest.raises(BadInput, match=r"not determine c\d.*\+-.*record a wider range or longer"):
         fit_over_time(coasting, log, "v", unknown, at=at)
 
 
@@ -219,13 +219,13 @@ def test_a_step_shorter_than_the_lag_is_refused():
     t = np.arange(0, 0.03, 0.001)
     y = 6e3 * stepped(t, 0.0, 1.0, 0.3, 0.0) + 60 * noise(t.size)
     log = {"time": t, "T_cmd": 0 * t + 6e3, "T": y}
-    with pytest.raises(BadInput, match=r"does not tell k.*\(k = .*\+-.*0.029 s of T"):
+    with pytest.raises(BadInput, match=r"does not determine k.*\(k = .*\+-.*0.029 s of T"):
         fit_over_time(brake_step, log, "T")
 
 
 def test_a_log_without_any_effect_is_refused():
     t = np.arange(0, 10, 0.1)
-    with pytest.raises(BadInput, match="does not tell k, tau: it shows none of their effect"):
+    with pytest.raises(BadInput, match="does not determine k, tau: it shows none of their effect"):
         fit_over_time(brake_step, {"time": t, "T_cmd": 0 * t, "T": 0 * t}, "T")
 
 

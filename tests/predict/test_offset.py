@@ -96,10 +96,13 @@ BAD = [
     (dict(offset_free="F_cmd"), "offset_free: 'F_cmd' is no state and no held input"),
     (dict(offset_free=3), "offset_free = 3; give states or held inputs by name"),
     (dict(offset_free=["v", "v"]), "names something twice"),
-    (dict(offset_free=["load", "grade"]), "load and grade cannot be told apart"),
+    (dict(offset_free=["load", "grade"]), "load and grade cannot be distinguished"),
     (dict(offset_free="load", at=None), "the point of the slopes lacks w; give at="),
-    (dict(offset_free="load", cost=effort), "with another load no rest has all residuals zero"),
-    (dict(offset_free="F"), "with another unmodelled_F no rest has all residuals zero"),
+    (
+        dict(offset_free="load", cost=effort),
+        "with another load no steady state has all",
+    ),
+    (dict(offset_free="F"), "with another unmodelled_F no steady state has all residuals zero"),
     (dict(offset_free="load", preview=["load"]), "preview of 'load', which is no held input"),
 ]
 
@@ -114,7 +117,7 @@ def test_bad_input_is_one_line(options, text):
 def test_an_input_without_effect_at_the_point_is_refused():
     """Adhesion is seen where there is slip, of a vehicle that goes on."""
     assert slip(offset_free="mu_p", at={"q": 10.2, "T": 3.0}).inputs.keys() >= {"v", "s_ref"}
-    with pytest.raises(BadInput, match="with another unmodelled_xi no rest"):
+    with pytest.raises(BadInput, match="with another unmodelled_xi no steady"):
         slip(offset_free="xi", at={"q": 10.2, "T": 3.0})
     with pytest.raises(BadInput, match="mu_p changes no state at the point"):
         slip(offset_free="mu_p", at={"q": 10.0, "T": 0.0, "u": 0.0})

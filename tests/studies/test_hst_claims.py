@@ -142,7 +142,7 @@ def test_a_mass_as_the_paper_writes_it_is_led_to_the_one_that_all_blocks_share()
     """
     for setting, words in {
         "train.M=250t": "did you mean 'm', which blocks share?",
-        "train.m=250t": "meets 1 of the 5 places of m; write m= for all of them",
+        "train.m=250t": "matches 1 of the 5 places of m; write m= for all of them",
         "m=250t": "a, b and c11 are of a wheel with 7.656e+04 N",
     }.items():
         with pytest.raises(BadInput, match=re.escape(words)):

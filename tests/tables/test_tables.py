@@ -74,6 +74,10 @@ READ = {
     "unit behind in": "Zeit in s;v in km/std\n" + rows(plain),
     "unit behind a slash": "t/s;v/(km/h)\n" + rows(plain),
     "Fortran": HEAD + rows(lambda t, v, k: f"{t:.6E};{v:.8E}".replace("E", "D")),
+    "one clock in two columns": "log_s [s];log_ms [ms];v [km/h]\n" + rows(
+        lambda t, v, k: f"{t:.1f};{1000 * t:.0f};{v:.2f}"),
+    "a cycle time beside the time": "cycle [ms];run [s];v [km/h]\n" + rows(
+        lambda t, v, k: f"100;{plain(t, v, k)}"),
     "columns that share a name": "t [s];v [km/h];x;x\n" + rows(
         lambda t, v, k: plain(t, v, k) + ";0;1"),
 }  # fmt: skip
@@ -98,6 +102,10 @@ REFUSED = {
                                             plain(t, v, k)), "in line 11 has other marks"),
     "three digits": ("t [ms];v [km/h]\n" + rows(lambda t, v, k: f"{100 * k};{v:.3f}"),
                      r"in line 2 may be 79\.293 or 79293"),
+    "a time for each signal": ("t_door [s];door;t_v [s];v [km/h]\n" + rows(
+        lambda t, v, k: f"{2 * t:.1f};0;{plain(t, v, k)}"), "t_door and t_v may both be the time"),
+    "a time for each signal, by name": ("Time_a [s];Time_v [s];v [km/h]\n" + rows(
+        lambda t, v, k: f"{t + k // 200:.1f};{plain(t, v, k)}"), "Time_a and Time_v may both"),
     "newest first": (HEAD + "".join(reversed(rows(plain).splitlines(keepends=True))), "fall"),
     "coarse times": ("Zeit;v [km/h]\n" + rows(lambda t, v, k: f"{clock(t)[:8]};{v:.2f}"),
                      "time of the row before, the first in line 3"),

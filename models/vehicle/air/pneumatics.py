@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from casadi import fmax, fmin, if_else, logic_and, logic_not, sqrt, sum1, vertcat
+from casadi import floor, fmax, fmin, if_else, logic_and, logic_not, sqrt, sum1, vertcat
 
 from slipctl import Block, Input, Output, Param, State, law, one, step
 from slipctl.models.common_form import ADDED, T_S
@@ -60,8 +60,13 @@ def rate_of_choke(diameter: float, volume: float, C: float = 0.7, warm: float = 
 def flow_factor(ratio: Any) -> Any:
     """Flow through a choke over that at the speed of sound, by the ratio of the pressures."""
     b = fmin(fmax(ratio, CRITICAL), 1)
-    falls = sqrt(fmax(b ** (2 / KAPPA) - b ** ((KAPPA + 1) / KAPPA), 1e-16))
+    root = b ** (1 / KAPPA)  # falls = sqrt(b^(2/kappa) - b^(1 + 1/kappa))
+    falls = sqrt(fmax(root * (root - b), 1e-16))
     return if_else(ratio <= CRITICAL, 1, _SHAPE * sqrt(2 / (KAPPA - 1)) * falls)
+
+
+PACKED = 24
+"""Ticks of two bits that a number of 53 bits holds exactly."""
 
 
 def magnet_valves(ticks: int) -> Block:
@@ -70,7 +75,7 @@ def magnet_valves(ticks: int) -> Block:
     Args:
         ticks: dead time from a bit to the flow of air, in ticks; may be 0.
     """
-    size = max(ticks, 1)
+    sizes = [min(PACKED, ticks - k) for k in range(0, ticks, PACKED)] or [1]
 
     @step(
         hold=Output("1", "1 while the supply is shut off", lo=0, hi=1),
@@ -79,8 +84,8 @@ def magnet_valves(ticks: int) -> Block:
         name="valves", choices={"ticks": ticks},
     )  # fmt: skip
     def valves(
-        holds=State("1", 0.0, "bits under way, oldest first", shape=(size,), lo=0, hi=1),
-        vents=State("1", 0.0, "bits under way, oldest first", shape=(size,), lo=0, hi=1),
+        under_way=State("1", 0.0, "hold + 2 vent of each tick, base 4, the oldest least",
+                        shape=(len(sizes),)),
         held=State("1", 0.0, "1 while the supply is shut off", lo=0, hi=1),
         vented=State("1", 0.0, "1 while it is open to the air", lo=0, hi=1),
         age=State("s", 1.0, "time since the last change", lo=0, hi=1),
@@ -91,14 +96,20 @@ def magnet_valves(ticks: int) -> Block:
         T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
     ):  # fmt: skip
         """The bits of a dead time ago, where the valves have stood long enough to move."""
-        first, second = (holds[0], vents[0]) if ticks else (hold, vent)
-        asked = [if_else(b > 0.5, 1, 0) for b in (first, second)]
+        bits = if_else(hold > 0.5, 1, 0) + if_else(vent > 0.5, 2, 0)
+        acts, waits = bits, []
+        for k, size in reversed(list(enumerate(sizes))):  # a digit leaves, the next one comes
+            last = under_way[k] - 4 * floor(under_way[k] / 4)
+            waits.append((under_way[k] - last) / 4 + acts * 4 ** (size - 1))
+            acts = last
+        acts = acts if ticks else bits
+        vents = if_else(acts > 1.5, 1, 0)
+        asked = (acts - 2 * vents, vents)
         moves = age + 0.5 * T >= pulse
         a, b = (if_else(moves, x, y) for x, y in zip(asked, (held, vented), strict=True))
         changes = fmax(a - held, held - a) + fmax(b - vented, vented - b)
         nxt = dict(
-            holds=vertcat(holds[1:], hold) if size > 1 else hold,
-            vents=vertcat(vents[1:], vent) if size > 1 else vent,
+            under_way=vertcat(*reversed(waits)),
             held=a, vented=b, age=if_else(changes > 0, T, fmin(age + T, 1)), count=count + changes,
         )  # fmt: skip
         return nxt, dict(hold=a, vent=b, switched=count + changes)

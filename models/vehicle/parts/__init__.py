@@ -6,6 +6,7 @@ has these names and no others, so what is declared here is all that a reader nee
 """
 
 from slipctl.models.vehicle.parts.actuator import Actuator, Air, Lag, Valve
+from slipctl.models.vehicle.parts.added_brakes import DynamicBrake, TrackBrake
 from slipctl.models.vehicle.parts.controllers import (
     SLIP_LAWS,
     Controller,
@@ -49,4 +50,4 @@ from slipctl.models.vehicle.parts.sensors import (
     WheelsOnly,
 )
 from slipctl.models.vehicle.parts.trip import Assumed, Drawn, DrawnPatches, Limits, Trip
-from slipctl.models.vehicle.parts.vehicle import Car, Davis, TrackBrake, Vehicle
+from slipctl.models.vehicle.parts.vehicle import Car, Davis, Vehicle

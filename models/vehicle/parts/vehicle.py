@@ -7,13 +7,8 @@ from dataclasses import MISSING, dataclass
 from itertools import pairwise
 from typing import Literal
 
-from slipctl.models.vehicle.parts.declaration import (
-    Fault,
-    Part,
-    faults_off_ticks,
-    number,
-    text_field,
-)
+from slipctl.models.vehicle.parts.added_brakes import DynamicBrake, TrackBrake
+from slipctl.models.vehicle.parts.declaration import Fault, Part, number, text_field
 from slipctl.models.vehicle.parts.pads import Pads
 from slipctl.models.wheel_damage import HALF_LENGTH, PATCH
 from slipctl.study.files.declared_parts import Each
@@ -32,21 +27,6 @@ class Davis(Part):
         """Coefficients in N, N s/m and N s^2/m^2 of a vehicle of this mass in kg."""
         a, b, c = (float(n) * mass if isinstance(n, Each) else n for n in (self.a, self.b, self.c))
         return a, b, c
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrackBrake(Part):
-    """Magnets that are lowered on the rails and rub along: they need no adhesion of the wheels."""
-
-    attraction: float = number("N", MISSING, "of all magnets to both rails", lo=1, hi=1e7)
-    friction: float = number("1", 0.2, "of a magnet on the rail, slow", lo=1e-3, hi=1)
-    fall: float = number("s/m", 0.03, "of that with speed, mu = friction/(1 + fall v)", lo=0, hi=1)
-    delay: float = number("s", 1.0, "from the start until they lie on the rails", lo=0, hi=60)
-    above: float = number("m/s", 20 / 3.6, "speed below which they are lifted", lo=0.5, hi=50)
-
-    def misfits(self) -> Iterator[Fault]:
-        """A delay that would be rounded."""
-        yield from faults_off_ticks("delay", self.delay)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,6 +203,9 @@ class Vehicle(Part):
     track_brake: TrackBrake | None = text_field(
         None, "magnetic track brakes; none given: the vehicle has none"
     )
+    dynamic_brake: DynamicBrake | None = text_field(
+        None, "motors that brake first, the actuator the rest; none given: the actuator alone"
+    )
     patch: float = number(
         "m^2", PATCH, "area of the contact patch of a wheel, for wear and heat", lo=1e-6, hi=1e-3
     )
@@ -261,14 +244,17 @@ class Vehicle(Part):
             yield from self._impossible()
         if self.mode == "drive" and any(self.each_pads):
             yield "pads", "are of a braked vehicle; leave them out of a driven one"
-        magnets = self.track_brake
-        if magnets is not None and self.mode == "drive":
-            yield "track_brake", "is of a braked vehicle; leave it out of a driven one"
-        elif magnets is not None and magnets.above >= self.speed:
+        for name in ("track_brake", "dynamic_brake"):
+            if getattr(self, name) is not None and self.mode == "drive":
+                yield name, "is of a braked vehicle; leave it out of a driven one"
+        magnets, motors = self.track_brake, self.dynamic_brake
+        if magnets is not None and self.mode == "brake" and magnets.above >= self.speed:
             yield (
                 "track_brake.above",
                 f"is {magnets.above:g} m/s, the vehicle begins at {self.speed:g} m/s; write less",
             )
+        if motors is not None and any(k > self.axles for k in motors.axles or ()):
+            yield "dynamic_brake.axles", f"names axle {max(motors.axles)} of {self.axles}"
         if self.driven is not None:
             if self.mode == "brake":
                 yield "driven", "is for a driven vehicle; write mode = 'drive'"

@@ -236,7 +236,7 @@ class Meanings:
             ends = table.get("range")
             if ends is not None:
                 if not isinstance(ends, (list, tuple)) or len(ends) != 2:
-                    raise BadInput(f"range {ends!r:.40} is none; write ['0.1 s/m', '2 s/m']")
+                    raise BadInput(f"{ends!r:.40} is no range; write ['0.1 s/m', '2 s/m']")
                 last = ends[1] if isinstance(ends[1], str) else ""
                 both = (split_quantity(last)[1] if last else None) or written or "1"
                 lo, hi = (self.end(e, both, m.unit or "1") for e in ends)
@@ -265,7 +265,7 @@ class Meanings:
             names = re.findall(r"[A-Za-z_]\w*", value)
             if is_equation(f"{name} = {value}") and names and not re.match(r"\s*[-+.\d]", value):
                 raise BadInput(
-                    f"{value!r:.40} is no number with a unit; an expression needs its unit told:"
+                    f"{value!r:.40} is no number with a unit; an expression needs a unit:"
                     f" {name} [unit] = {value:.40}"
                 ) from None
             raise

@@ -269,9 +269,10 @@ class Search:
     ) -> str:  # fmt: skip
         said = ", ".join(self._said(n, values[n], std[n]) for n in lost if n in std)
         rest = [n for n in self.rolled.unknown if n not in lost]
-        fewer = f", or seek fewer, --unknown {','.join(rest)}" if rest else ""
+        fewer = f", or fit fewer, --unknown {','.join(rest)}" if rest else ""
         return (
-            f"{self._source()} does not tell {', '.join(lost)}{f' ({said})' if said else ''}: {why}"
+            f"{self._source()} does not determine {', '.join(lost)}"
+            f"{f' ({said})' if said else ''}: {why}"
             f" in {self._range()}; record a wider range or longer{fewer}"
         )
 
@@ -284,7 +285,7 @@ class Search:
                 found.append(f"{self._said(n, v, std[n])} is at the end of its range; look at the"
                              " residuals, or set it")  # fmt: skip
             elif std[n] > DOUBTFUL * abs(v):
-                found.append(f"{self._said(n, v, std[n])} is hardly told by {self._range()}")
+                found.append(f"{self._said(n, v, std[n])} is poorly determined by {self._range()}")
         if alike > ALIKE:
             spacing = float(np.median(np.diff(self.pieces[0].time)))
             found.append(
@@ -294,8 +295,8 @@ class Search:
         return tuple(found)
 
     def _notes(self) -> tuple[str, ...]:
-        """The line on numbers that nobody told."""
+        """The line on numbers that were not given."""
         own = [f"{n} = {float(s.value):.5g} {s.unit}".removesuffix(" 1")
                for n, s in self.rolled.flow.params.items()
                if n not in (*self.rolled.unknown, *self.told) and not s.derived]  # fmt: skip
-        return (f"not told, taken from {self.rolled.flow.name}: {', '.join(own)}",) * bool(own)
+        return (f"not given, taken from {self.rolled.flow.name}: {', '.join(own)}",) * bool(own)

@@ -136,14 +136,15 @@ def with_unknown(
     w = np.linalg.svd(B / size, compute_uv=False)
     if len(own) > len(B) or w.min() < SEEN * w.max():
         raise BadInput(
-            f"{where}: offset_free: {' and '.join(own)} cannot be told apart by"
+            f"{where}: offset_free: {' and '.join(own)} cannot be distinguished with"
             f" {len(B)} measured states; leave one out"
         )
     left = at_rest.left(1 + np.array(which))
     if left > LEFT:
         raise BadInput(
-            f"{where}: offset_free: with another {' or '.join(own)} no rest has all residuals zero;"
-            " write what is still to come in place of the control itself"
+            f"{where}: offset_free: with another {' or '.join(own)} no steady state has all"
+            " residuals zero; weight command minus actuator state, such as F_cmd - F, not the"
+            " command"
         )
     values = tuple(float(d[i]) for i in which)
     return replace(h, unknown=Unknown(tuple(own), values, row**2, FLOOR * size**2))

@@ -150,7 +150,7 @@ def _run_all(
             continue
         if future.status != "finished":
             why = f"{type(error).__name__}: {error}" if error else "the scheduler was lost"
-            raise RunFailed(f"{why}; what had ended is kept, and the same line again goes on")
+            raise RunFailed(f"{why}; what had ended is kept, and the same command resumes it")
         refused, processor, found = future.result()
         if refused:
             raise BadInput(f"--scheduler: a worker {refused}")

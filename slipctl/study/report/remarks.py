@@ -31,16 +31,18 @@ KMH = 3.6
 
 def answer_lines(results: Results, scenario: str) -> dict[str, str]:
     """What each loop reached in a scenario, in a line, by loop."""
-    missed = values_beyond_limit(results, scenario)
-    lines = {}
-    for loop, metrics in results.metrics[scenario].items():
-        run = Run(results.data[scenario][loop], results.study.signals)
-        said = [text for text in (_stop(run, metrics), _wheels(run, metrics)) if text]
-        names = list(missed.get(loop, {}))
-        if names:
-            said.append(f"misses its limit{'s' if len(names) > 1 else ''} of {' and '.join(names)}")
-        lines[loop] = f"{loop} {'; '.join(said)}" if said else f"{loop} has run"
-    return lines
+    return {loop: answer_line(results, scenario, loop) for loop in results.metrics[scenario]}
+
+
+def answer_line(results: Results, scenario: str, loop: str) -> str:
+    """What a loop reached in a scenario."""
+    metrics = results.metrics[scenario][loop]
+    run = Run(results.data[scenario][loop], results.study.signals)
+    said = [text for text in (_stop(run, metrics), _wheels(run, metrics)) if text]
+    names = list(values_beyond_limit(results, scenario).get(loop, {}))
+    if names:
+        said.append(f"misses its limit{'s' if len(names) > 1 else ''} of {' and '.join(names)}")
+    return f"{loop} {'; '.join(said)}" if said else f"{loop} has run"
 
 
 def _stop(run: Run, metrics: Mapping[str, Metric]) -> str:

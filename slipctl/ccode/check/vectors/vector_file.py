@@ -117,7 +117,7 @@ def _numbers(path: Path | str, rows: Sequence[Sequence[str]], read: Sequence[boo
             if not np.isfinite(numbers[tick, k]):
                 raise BadInput(
                     f"{path}, row {tick + 1}: {cell.strip()!r} is no finite number; the test in the"
-                    " folder tries NaN and infinity by itself"
+                    " folder tries NaN and infinity itself"
                 )
     return numbers
 
