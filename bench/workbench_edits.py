@@ -21,8 +21,9 @@ from typing import Any
 
 from slipctl import registry
 from slipctl.run import store
-from slipctl.workbench.answers import KINDS, LANES, Answers
+from slipctl.workbench.answers import Answers
 from slipctl.workbench.desk import Desk
+from slipctl.workbench.questions import KINDS, LANES
 from slipctl.workbench.texts import completions, faults_of_text
 
 FILES = registry.folder("models") / "vehicle" / "files"
@@ -124,7 +125,8 @@ def main() -> int:
              "seed": options.seed, "seconds": round(time.time() - begun)}  # fmt: skip
     print(store.json_text(found).rstrip())
     if out:
-        store.write_json(out, found)
+        command = f"python -m bench.workbench_edits --seed {options.seed}"
+        store.write_json(out, {"format": store.FORMAT, "command": command, "numbers": found})
     bad = set(edits) - {"right", "told"} or set(questions) - {"answered", "told"}
     return 1 if bad or files != ["metro.toml"] else 0
 

@@ -69,6 +69,7 @@ _WHERE = {
 }
 _HOME = {name: module for module, names in _WHERE.items() for name in names}
 __all__ = ["__version__", *_HOME]
+_ASIDE = {"open": "workbench.web.widget"}  # a star must not take Python's own open away
 
 if TYPE_CHECKING:
     from slipctl.analysis.linearise import linear, nonlinear, operating_point
@@ -115,8 +116,8 @@ if TYPE_CHECKING:
 
 def __getattr__(name: str) -> Any:
     """Import on first use, so that ``slipctl --help`` answers at once."""
-    if name in _HOME:
-        found = getattr(import_module(f"slipctl.{_HOME[name]}"), name)
+    if name in _HOME or name in _ASIDE:
+        found = getattr(import_module(f"slipctl.{(_HOME | _ASIDE)[name]}"), name)
         if isinstance(found, FunctionType):
             from slipctl.errors import door
 
@@ -127,4 +128,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted([*__all__, *_ASIDE])

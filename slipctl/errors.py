@@ -236,11 +236,16 @@ def list_of_kind(where: str, given: Any, kind: type) -> list[Any]:
     Raises:
         BadInput: it is no list, or of something else.
     """
-    matrix = hasattr(given, "sparsity")  # of CasADi, which are not iterable by design
-    found = list(given) if isinstance(given, Iterable) and not matrix else [None]
+    found = list(given) if has_many(given) else [None]
     if [one for one in found if not isinstance(one, kind)]:
         raise BadInput(f"{where}: give a list of {kind.__name__}, not {value_text(given)}")
     return found
+
+
+def has_many(given: Any) -> bool:
+    """Whether one can go through it: no matrix of CasADi, and no array without an axis."""
+    alone = hasattr(given, "sparsity") or getattr(given, "ndim", 1) == 0
+    return isinstance(given, Iterable) and not alone
 
 
 DEEPEST = 50

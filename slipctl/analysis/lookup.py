@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from slipctl.analysis.objective import best_outputs
 from slipctl.analysis.optimum import highest_peak, objective_functions
 from slipctl.block.block import Block, Exprs, doc_of_maker, make_block
-from slipctl.block.signals import Output, Param
+from slipctl.block.signals import Param
 from slipctl.errors import BadInput, RunFailed, check_positive, check_range, nearest
 
 MOST = 400
@@ -66,39 +67,55 @@ def argmax_table(
         raise BadInput(f"{where}: condition {odd[0]!r} is no name; tables are called by it")
     if not rails:
         raise BadInput(f"{where}: {law.name} has no conditions; give conditions={{...}}")
-    found = [
-        objective_functions(where, law, [over], maximise, {by: span[0], **values})
-        for values in rails.values()
-    ]
-    column = [n for n in law.inputs if n != over].index(by)
-
-    def peaks(x: float) -> np.ndarray:
-        """Places and heights at x, one row each."""
-        rows = []
-        for value, slope, p in found:
-            p[column] = x
-            peak = highest_peak(where, value, slope, p, lo, hi)
-            rows.append((peak.location, peak.value))
-        return np.array(rows).T
-
+    peaks = _peaks(where, law, over, by, maximise, (lo, hi), list(rails.values()))
     xs, ys, worst = _nodes(where, peaks, span, error)
     x, axis = law.inputs[by], f"{by}_at"
-    target, height = law.inputs[over], law.outputs[maximise or next(iter(law.outputs))]
-    best = Output(target.unit, f"best {target.doc}", positive=target.positive, per=target.per,
-                  shape=(len(rails),)).named("best")  # fmt: skip
-    value = height.as_role("output", doc="value there", shape=(len(rails),)).named("value")
-    most = {"best": (lo, hi), "value": (max(height.lo, -FAR), min(height.hi, FAR))}
+    outputs = best_outputs(law, over, maximise or next(iter(law.outputs)), (len(rails),))
+    height = outputs[1]
+    most = ((lo, hi), (max(height.lo, -FAR), min(height.hi, FAR)))
     places = Param(
         x.unit, xs, f"places of the table: {x.doc}", shape=xs.shape, lo=span[0], hi=span[1],
         rising=True,
     )  # fmt: skip
     tables = [
         Param(
-            s.unit, ys[:, k, i], f"{s.doc}: {rail}", shape=xs.shape, lo=most[s.name][0],
-            hi=most[s.name][1], positive=s.positive, per=s.per, over=axis,
+            s.unit, ys[:, k, i], f"{s.doc}: {rail}", shape=xs.shape, lo=most[k][0], hi=most[k][1],
+            positive=s.positive, per=s.per, over=axis,
         ).named(f"{s.name}_{rail}")
-        for k, s in enumerate((best, value)) for i, rail in enumerate(rails)
+        for k, s in enumerate(outputs) for i, rail in enumerate(rails)
     ]  # fmt: skip
+    return make_block(
+        "argmax_table", "law", _straight_lines(by, axis, list(rails)), inputs=[x],
+        outputs=outputs, sx=False, params=[places.named(axis), *tables],
+        choices={"law": law.name, "over": over, "by": by, "conditions": ", ".join(rails),
+                 "nodes": len(xs), "error": float(f"{worst:.2g}")},
+        doc=doc_of_maker(argmax_table),
+    )  # fmt: skip
+
+
+def _peaks(
+    where: str, law: Block, over: str, by: str, maximise: str | None,
+    ends: tuple[float, float], rails: Sequence[Mapping[str, float]],
+) -> Callable[[float], np.ndarray]:  # fmt: skip
+    """Function of ``by``: places and heights of the peak on each rail, one row each."""
+    found = [
+        objective_functions(where, law, [over], maximise, {by: 0.0, **values}) for values in rails
+    ]
+    column = [n for n in law.inputs if n != over].index(by)
+
+    def peaks(x: float) -> np.ndarray:
+        rows = []
+        for value, slope, p in found:
+            p[column] = x
+            peak = highest_peak(where, value, slope, p, *ends)
+            rows.append((peak.location, peak.value))
+        return np.array(rows).T
+
+    return peaks
+
+
+def _straight_lines(by: str, axis: str, rails: Sequence[str]) -> Callable[..., Any]:
+    """Body of the table: straight lines between its nodes."""
 
     def body(states: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         at = p[axis]
@@ -115,13 +132,7 @@ def argmax_table(
             n: ca.vertcat(*[between(p[f"{n}_{rail}"]) for rail in rails]) for n in ("best", "value")
         }
 
-    return make_block(
-        "argmax_table", "law", body, inputs=[x], outputs=[best, value], sx=False,
-        params=[places.named(axis), *tables],
-        choices={"law": law.name, "over": over, "by": by, "conditions": ", ".join(rails),
-                 "nodes": len(xs), "error": float(f"{worst:.2g}")},
-        doc=doc_of_maker(argmax_table),
-    )  # fmt: skip
+    return body
 
 
 def _nodes(

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs
-from slipctl.block.signals import Signal
+from slipctl.block.signals import Output, Signal
 from slipctl.block.text.named_expressions import names_in
 from slipctl.errors import BadInput, nearest
 
@@ -70,6 +70,20 @@ def search_inputs(given: Sequence[Signal]) -> list[Signal]:
 def search_params(given: Sequence[Signal]) -> list[Signal]:
     """Those of what fixes a law that are parameters of its search."""
     return [s for s in given if s.role == "param"]
+
+
+def best_outputs(
+    law: Block, over: str, of: str, shape: tuple[int, ...] = ()
+) -> tuple[Signal, Signal]:  # fmt: skip
+    """Outputs ``best`` (place) and ``value`` (there) of what looks for the best of one input."""
+    x = law.inputs[over]
+    best = Output(x.unit, f"best {x.doc}", positive=x.positive, per=x.per, shape=shape)
+    return best.named("best"), value_there(law, of, shape)
+
+
+def value_there(law: Block, of: str, shape: tuple[int, ...] = ()) -> Signal:
+    """Output ``value``: the objective at the best place."""
+    return law.outputs[of].as_role("output", doc="value there", shape=shape).named("value")
 
 
 def column(given: Sequence[Signal], u: Mapping[str, Any], p: Mapping[str, Any]) -> Any:

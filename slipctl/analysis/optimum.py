@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.analysis.objective import (
+    best_outputs,
     column,
     law_at,
     left_open,
@@ -20,7 +21,7 @@ from slipctl.analysis.objective import (
     search_params,
 )
 from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
-from slipctl.block.signals import Output, Param
+from slipctl.block.signals import Param
 from slipctl.errors import BadInput, RunFailed, check_range, check_ranges, check_whole, nearest
 
 Slopes = Callable[[float], tuple[float, float]]
@@ -288,14 +289,33 @@ def argmax_block(
     check_whole(f"{where}: points", points, 3)
     check_whole(f"{where}: newton", newton, 0)
     refuse_names(where, law, ("lo", "hi"))
+    if closed_form and law.law_data.closed_form is None:
+        raise BadInput(f"{where}: {law.name} declares no closed form of its peak; leave it out")
+    x, given = law.inputs[over], left_open(law, [over])
+    return make_block(
+        "argmax", "law",
+        _peak_body(law, over, maximise, int(points), int(newton), closed_form, value),
+        inputs=search_inputs(given),
+        params=[
+            Param(x.unit, float(lo), "lowest", lo=-1e12, hi=1e12).named("lo"),
+            Param(x.unit, float(hi), "highest", lo=-1e12, hi=1e12).named("hi"),
+            *search_params(given),
+        ],
+        outputs=best_outputs(law, over, maximise)[: 1 + value],
+        choices={"law": law.name, "over": over}
+        | ({"peak": "closed form"} if closed_form else {"points": points, "newton": newton}),
+        doc=doc_of_maker(argmax_block),
+    )  # fmt: skip
+
+
+def _peak_body(
+    law: Block, over: str, maximise: str, points: int, newton: int, closed_form: bool, value: bool
+) -> Callable[..., tuple[Exprs, Exprs]]:
+    """Equations of a search on a grid and by Newton's steps, or by the closed form."""
     given, value_of = open_law(law, [over], maximise)
     z, g = ca.SX.sym("z"), ca.SX.sym("g", value_of.size1_in(1))
     d = ca.jacobian(value_of(z, g), z)
     slope = ca.Function("slope", [z, g], [d, ca.jacobian(d, z)], {"cse": True})
-    x = law.inputs[over]
-
-    if closed_form and law.law_data.closed_form is None:
-        raise BadInput(f"{where}: {law.name} declares no closed form of its peak; leave it out")
     form = law.law_data.closed_form if closed_form else None
 
     def results(place: Any, at: Any) -> Exprs:
@@ -325,28 +345,14 @@ def argmax_block(
             inside = ca.logic_and(ca.logic_and(following >= a, following <= b), d2 < 0)
             return ca.if_else(inside, following, (a + b) / 2), a, b
 
-        for k in range(1, int(points)):
+        for k in range(1, points):
             place, height = compared(place, height, k)
         a, b = ca.fmax(place - step, p["lo"]), ca.fmin(place + step, p["hi"])
-        for _ in range(int(newton)):
+        for _ in range(newton):
             place, a, b = closer(place, a, b)
         return {}, results(place, at)
 
-    return make_block(
-        "argmax", "law", body, inputs=search_inputs(given),
-        params=[
-            Param(x.unit, float(lo), "lowest", lo=-1e12, hi=1e12).named("lo"),
-            Param(x.unit, float(hi), "highest", lo=-1e12, hi=1e12).named("hi"),
-            *search_params(given),
-        ],
-        outputs=[
-            Output(x.unit, f"best {x.doc}", positive=x.positive, per=x.per).named("best"),
-            *[law.outputs[maximise].as_role("output", doc="value there").named("value")][:value],
-        ],
-        choices={"law": law.name, "over": over}
-        | ({"peak": "closed form"} if closed_form else {"points": points, "newton": newton}),
-        doc=doc_of_maker(argmax_block),
-    )  # fmt: skip
+    return body
 
 
 def objective_functions(

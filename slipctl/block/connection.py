@@ -65,9 +65,8 @@ def connect(
     kind, period = _common_kind(name, blocks)
     given = read_shares(name, share)
     shares = bind(name, blocks, given)
-    for key in shares:
-        if key in blocks:
-            raise BadInput(f"{name}: {key!r} is a part and a shared number; rename one")
+    for key in sorted(set(shares) & set(blocks)):
+        raise BadInput(f"{name}: {key!r} is a part and a shared number; rename one")
     blocks = parts_with_shares(blocks, shares, numbers_of(name, shares))
     sharing = Sharing.of(blocks, shares)
     wiring = _Wiring.of(name, blocks, wires)

@@ -172,6 +172,7 @@ def _produce(
     built_for = chosen(content.platforms) if content.fmus else []
     if period is not None:
         check_positive("c_module: period", period, "s")
+        period = float(period)  # of another float type, which JSON does not know
     plan = Plan(block, name, period, real, content.rates, content.counter, content.byte_order)
     check_guards(block)
     made = texts(plan, content)

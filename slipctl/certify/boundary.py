@@ -7,7 +7,7 @@ that were not tried: between two that are certified there may be one that is not
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -51,8 +51,7 @@ class Farthest:
 
 
 def farthest(
-    system: System,
-    numbers: Mapping[str, Any],
+    at: Callable[[Mapping[str, float]], tuple[System, Mapping[str, Any]]],
     name: str,
     up: bool = True,
     share: float | None = None,
@@ -60,8 +59,8 @@ def farthest(
     """Look for the largest (or smallest) value of a number at which the promise is proved.
 
     Args:
-        system: the system. numbers: all others, and perhaps a value to begin at.
-        name: number that is varied.
+        at: gives the system and its numbers, with some of them replaced: the others may follow, as
+            bounds of a loop do. name: number that is varied; its own value is where it begins.
         up: the largest; else the smallest.
         share: step between two values at which the search ends, over the value. It is 1 %,
             and 4 % for a loop that is asked as it runs, whose verdicts take seconds.
@@ -69,13 +68,13 @@ def farthest(
     Raises:
         BadInput: the system has no such number, or one that may be negative.
     """
+    system, numbers = at({})
     if name not in system.numbers:
         raise BadInput(f"{system.name} has no {name!r}{nearest(name, system.numbers)}")
     if system.numbers[name].low == "any":
         raise BadInput(f"{name} may be negative; ask for a number that is positive")
     if share is None:
         share = 0.04 if hasattr(system.loop, "build") else 0.01
-    given = {k: v for k, v in numbers.items() if k != name}
     seen: dict[float, str] = {}
     refused: list[float] = []  # values that cannot be asked; nor can what lies beyond
 
@@ -85,8 +84,9 @@ def farthest(
             return ""
         if value not in seen:
             try:
-                asked = exact_numbers(system, {**given, name: Fraction(str(value))})
-                seen[value] = proofs.decide(system, asked).verdict
+                there, given = at({name: value})
+                asked = exact_numbers(there, {**given, name: Fraction(str(value))})
+                seen[value] = proofs.decide(there, asked).verdict
             except BadInput:
                 refused.append(value)
                 return ""
@@ -94,7 +94,7 @@ def farthest(
                 seen[value] = UNDECIDED
         return seen[value]
 
-    exact_numbers(system, {**given, name: Fraction(1)})  # what is wrong with the others is said
+    exact_numbers(system, {**numbers, name: Fraction(1)})  # what is wrong with the others is said
     usual = (numbers.get("T") or 1e-3) if system.numbers[name].unit == "s" else 1.0
     begin = float(numbers.get(name) or usual)
     out = 2.0 if up else 0.5

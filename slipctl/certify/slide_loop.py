@@ -34,8 +34,9 @@ from slipctl.errors import BadInput
 SLIP = "s"
 """State that the promise speaks of."""
 
-HEIGHT, PUSH, NOISE, LATE = "height", "w", "n", "late"
-"""What pushes in a tick: height of the curve, push, noise, change of a command while it waits."""
+HEIGHT, PUSH, NOISE, LATE, STOP = "height", "w", "n", "late", "stop"
+"""What pushes in a tick: height of the curve, push, noise, change of a command while it waits,
+and how far within a tick of its own a valve stops beyond the edge of its band."""
 
 NUMBERS = {
     "W": Number("m/s^2", "largest push", 0.0, "not negative", role=INPUT,
@@ -61,7 +62,8 @@ def push_ranges(n: Numbers) -> dict[str, tuple[Fraction, Fraction]]:
     """Range of each push that a number bounds."""
     return {HEIGHT: (Fraction(n["least"]), Fraction(n["most"])),
             PUSH: (-Fraction(n["W"]), Fraction(n["W"])),
-            NOISE: (-Fraction(n["noise"]), Fraction(n["noise"]))}  # fmt: skip
+            NOISE: (-Fraction(n["noise"]), Fraction(n["noise"])),
+            STOP: (Fraction(0), Fraction(1))}  # fmt: skip
 
 
 @dataclass(frozen=True)

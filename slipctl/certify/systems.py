@@ -84,6 +84,7 @@ __all__ = [
     "report",
     "rounded_up",
     "unit_dependent",
+    "worst_disturbance",
 ]  # fmt: skip
 
 
@@ -202,6 +203,16 @@ def report(system: System, given: Mapping[str, float | Fraction]) -> Report:
         system.name, n, units, found.verdict, criteria, _shown(lambda: system.values(n), {}),
         _shown(lambda: system.witness(n), None) if shown else None, found.promise.time, found,
     )  # fmt: skip
+
+
+def worst_disturbance(system: System, given: Mapping[str, float | Fraction]) -> Any:
+    """Run against the worst disturbance that a system knows; None without one.
+
+    Raises:
+        BadInput: numbers that mean nothing.
+    """
+    n = {k: float(v) for k, v in exact_numbers(system, given).items()}
+    return _shown(lambda: system.witness(n), None)
 
 
 def _shown(compute: Callable[[], Any], otherwise: Any) -> Any:

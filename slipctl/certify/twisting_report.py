@@ -7,8 +7,8 @@ the exact test says REFUTED, and then a disturbance that never lets the loop set
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -51,6 +51,7 @@ class Witness:
         switches: times in s at which d changes its sign, for the first 8 half turns.
         d: L, the value of d up to the first switch.
         simulated: the growth in a run of the equations against that disturbance.
+        trajectory: of that run, unit and values by signal, thinned.
     """
 
     growth: float
@@ -60,6 +61,7 @@ class Witness:
     switches: tuple[float, ...]
     d: float
     simulated: float
+    trajectory: Mapping[str, tuple[str, Sequence[float]]] = field(default_factory=dict)
 
     def payload(self) -> dict[str, Any]:
         """Entries of the JSON answer."""
@@ -263,8 +265,9 @@ def witness(k1: float, k2: float, L: float, delta: float = 0.0) -> Witness:
     push = "r1 = delta |x1|^(1/2) sgn x1; " if delta else ""
     if k2 <= L or k1 <= delta:
         why = "x2 never turns back" if k2 <= L else "nothing damps x1"
-        ran = simulated_growth(k1, k2, L, delta)
-        return Witness(math.inf, f"{push}d = L sgn x1: {why}", 0.0, 1.0, (), L, ran)
+        ran = simulated_run(k1, k2, L, delta)
+        return Witness(math.inf, f"{push}d = L sgn x1: {why}", 0.0, 1.0, (), L, ran.growth(),
+                       _trajectory(ran))  # fmt: skip
     law = f"{push}d = L sgn x1 while |x1| grows, -L sgn x1 while it falls (switch at x1' = 0)"
     switches: list[float] = []
     start, v = 0.0, 1.0
@@ -272,7 +275,14 @@ def witness(k1: float, k2: float, L: float, delta: float = 0.0) -> Witness:
         turn, end, _ = sta.half_turn(k1, k2, L, delta, v)
         switches.append(start + turn)  # at the crossing sgn x1 and the law change together
         start, v = start + end, v * q
-    return Witness(q, law, 0.0, 1.0, tuple(switches), L, simulated_growth(k1, k2, L, delta))
+    ran = simulated_run(k1, k2, L, delta)
+    return Witness(q, law, 0.0, 1.0, tuple(switches), L, ran.growth(), _trajectory(ran))
+
+
+def simulated_run(k1: float, k2: float, L: float, delta: float = 0.0) -> worst_run.Turns:
+    """Run of the equations against the worst disturbance, from x1 = 0, x2 = 1."""
+    step = 0.02 / max(abs(k1 - delta), math.sqrt(2 * (k2 + L)))
+    return worst_run.run(lambda y: (k1 - delta) * y, lambda y: k2, L, 1.0, step, 2)
 
 
 def simulated_growth(k1: float, k2: float, L: float, delta: float = 0.0) -> float:
@@ -280,8 +290,12 @@ def simulated_growth(k1: float, k2: float, L: float, delta: float = 0.0) -> floa
 
     Infinite if x1 has not come back within the run.
     """
-    step = 0.02 / max(abs(k1 - delta), math.sqrt(2 * (k2 + L)))
-    return worst_run.run(lambda y: (k1 - delta) * y, lambda y: k2, L, 1.0, step, 2).growth()
+    return simulated_run(k1, k2, L, delta).growth()
+
+
+def _trajectory(ran: worst_run.Turns) -> dict[str, tuple[str, Sequence[float]]]:
+    slope = sta.UNITS["L"]
+    return {"t": ("s", ran.t), "x1": ("m/s", ran.x1), "x2": ("m/s^2", ran.x2), "d": (slope, ran.d)}
 
 
 def super_twisting_report(

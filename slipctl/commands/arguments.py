@@ -323,7 +323,6 @@ def _c_options(p: Parser) -> None:
     p.add_argument(
         "--misra", action="store_true", help="count the findings of cppcheck and MISRA C:2012"
     )
-
     p.add_argument(
         "--vectors", metavar="FILE.csv|search[:SECONDS]",
         help="test it with these inputs, one row per tick, instead of those of a run; or search "
@@ -337,6 +336,22 @@ def _c_options(p: Parser) -> None:
         "--prove", action="store_true",
         help="let Frama-C prove that no run-time error occurs and that values stay in their ranges",
     )  # fmt: skip
+    _written_beside(p)
+    p.add_argument(
+        "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
+        dest="settings", help="set parameters of the loop, or FILE.toml with gains",
+    )  # fmt: skip
+    p.add_argument(
+        "--part", metavar="PART",
+        help="part of the loop to write instead of the controller, such as plant",
+    )  # fmt: skip
+    p.add_argument(
+        "--name", metavar="MODULE", dest="module",
+        help="name of its files and functions (default: that of the loop or block)",
+    )  # fmt: skip
+
+
+def _written_beside(p: Parser) -> None:
     p.add_argument("--fmu", action="store_true", help="also write FMUs, by FMI 2.0 and 3.0")
     p.add_argument(
         "--platforms", metavar="linux64,win64",
@@ -372,18 +387,6 @@ def _c_options(p: Parser) -> None:
     p.add_argument(
         "--autosar", action="store_true",
         help="also write a software component of AUTOSAR Classic around it, as C and ARXML",
-    )  # fmt: skip
-    p.add_argument(
-        "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
-        dest="settings", help="set parameters of the loop, or FILE.toml with gains",
-    )  # fmt: skip
-    p.add_argument(
-        "--part", metavar="PART",
-        help="part of the loop to write instead of the controller, such as plant",
-    )  # fmt: skip
-    p.add_argument(
-        "--name", metavar="MODULE", dest="module",
-        help="name of its files and functions (default: that of the loop or block)",
     )  # fmt: skip
 
 

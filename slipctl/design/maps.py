@@ -1,8 +1,9 @@
 """A map of two numbers of a system: where its promise is proved, refuted, or neither.
 
 Each point of a grid is decided as ``slipctl certify`` decides it, with rationals and enclosures;
-nothing is said of what lies between the points. Bounds are those of the design point. Level lines
-of the margin go between points that are proved with so many times the bounds and such that are not.
+nothing is said of what lies between the points. Bounds are those that the loop has at the point; of
+a system without a loop, those that were told. Level lines of the margin go between points that are
+proved with so many times the bounds and such that are not.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,14 +22,16 @@ from slipctl import __version__
 from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.certify import proofs
 from slipctl.certify.promise import CERTIFIED, REFUTED, UNDECIDED, System, exact_numbers
+from slipctl.design.gain_points import Asked
 from slipctl.design.levels import Levels
 from slipctl.design.promises import with_margin
-from slipctl.draw import looks, plots
-from slipctl.draw.regions import regions
 from slipctl.errors import BadInput, check_whole, nearest
 from slipctl.run import store
 from slipctl.seek.population import Box
 from slipctl.study.jobs import Cores, run_jobs
+
+if TYPE_CHECKING:
+    from slipctl.draw import plots
 
 LEVELS = (1.2, 2.0, 5.0)
 """Margins whose level lines are drawn."""
@@ -140,31 +143,29 @@ def read_axes(text: str, system: System, numbers: Mapping[str, Fraction]) -> tup
 
 
 def drawn_map(
-    system: System, given: Mapping[str, Any], axes: tuple[Axis, Axis], what: str,
+    at: Callable[[Mapping[str, float]], Asked], axes: tuple[Axis, Axis], what: str,
     points: int = POINTS, cores: Cores | None = None,
     tell: Callable[[float], None] = lambda share: None,
 ) -> Map:  # fmt: skip
     """Decide each point of a grid.
 
     Args:
-        system, given: as of ``certify``. axes: of the map. what: is mapped, in words.
-        points: along each axis. cores: that are used. tell: told the share done.
+        at: gives the system and the numbers of a point, such as
+            :meth:`slipctl.design.gain_points.GainPoints.at`. axes: of the map. what: is mapped, in
+            words. points: along each axis. cores: that are used. tell: told the share done.
 
     Raises:
         BadInput: numbers of the design point that mean nothing.
     """
     check_whole("--points", points, 2, MOST)
+    system, given = at({})
     numbers = exact_numbers(system, given)
     x, y = axes
     xs, ys = (a.values(points) for a in axes)
 
     def row(b: float) -> Callable[[Callable[[float], None]], Any]:
         def job(progress: Callable[[float], None]) -> list[tuple[str, float]]:
-            found = []
-            for a in xs:
-                at = {**given, x.name: float(a), y.name: float(b)}
-                found.append(point_verdict(system, at))
-            return found
+            return [point_verdict(at, {x.name: float(a), y.name: float(b)}) for a in xs]
 
         return job
 
@@ -182,9 +183,12 @@ def drawn_map(
     )  # fmt: skip
 
 
-def point_verdict(system: System, given: Mapping[str, Any]) -> tuple[str, float]:
+def point_verdict(
+    at: Callable[[Mapping[str, float]], Asked], point: Mapping[str, float]
+) -> tuple[str, float]:
     """Verdict at a point, and up to which margin it is proved."""
     try:
+        system, given = at(point)
         numbers = exact_numbers(system, given)
         verdict = proofs.decide(system, numbers).verdict
     except (BadInput, ArithmeticError):
@@ -204,6 +208,9 @@ def point_verdict(system: System, given: Mapping[str, Any]) -> tuple[str, float]
 
 def figure(found: Map) -> plots.Figure:
     """Draw it: regions, darker the larger the margin, lines between them, the design point."""
+    from slipctl.draw import looks
+    from slipctl.draw.regions import regions
+
     points = len(found.verdicts)
     proved = {(CERTIFIED, m): c for m, c in zip((1.0, *LEVELS), SHADES, strict=True)}
     kinds = proved | {(UNDECIDED, 0.0): GREY, (REFUTED, 0.0): ORANGE, ("", 0.0): "#FFFFFF"}
@@ -237,6 +244,8 @@ def _edges(axis: Axis, points: int) -> np.ndarray:
 
 def write(found: Map, folder: Path, command: str) -> list[Path]:
     """Write ``map.png``, ``map.svg`` and ``map.json``; gives their names."""
+    from slipctl.draw import plots
+
     plots.save(figure(found), folder, "map", command)
     store.write_json(folder / "map.json", {"command": command, **found.payload()})
     return [folder / f"map.{e}" for e in ("png", "svg", "json")]

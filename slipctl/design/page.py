@@ -16,7 +16,8 @@ from slipctl.design.gain_search import TRAINING
 from slipctl.design.judgement import CLOSE, Judged, Slice
 from slipctl.design.tune import Tuned
 from slipctl.draw import distributions, looks, plots
-from slipctl.study.report.report_page import STYLE, image, table
+from slipctl.study.report.page_style import html_page
+from slipctl.study.report.report_page import image, table
 from slipctl.study.report.texts import number, number_or_never, with_unit, wrap_table
 
 Rows = list[list[str]]
@@ -281,23 +282,8 @@ def page(found: Tuned, command: str) -> str:
     sections.append(("Pictures", "".join(_figure(c, svg) for c, svg in drawn.items())))
     sections.append(("Search", _searched(found) + f"<pre>{escape(command)}</pre>"))
     body = "".join(f"<section><h2>{t}</h2>{text}</section>" for t, text in sections)
-    title = f"Gains of {found.name}"
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="generator" content="slipctl {__version__}">
-<title>{escape(title)}</title>
-<style>{STYLE}</style>
-</head>
-<body>
-<h1>{escape(title)}</h1>
-<p class="soft">minimise {escape(goals(found))} · slipctl {__version__}</p>
-{body}
-</body>
-</html>
-"""
+    said = f"minimise {escape(goals(found))} · slipctl {__version__}"
+    return html_page(f"Gains of {found.name}", said, body)
 
 
 def _note() -> str:

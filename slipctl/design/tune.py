@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from slipctl.certify.promise import CERTIFIED
 from slipctl.design import judgement, statement
 from slipctl.design.fronts import FrontSearch
 from slipctl.design.gain_search import HELD_OUT, RUNS, TRAINING, Candidate, Search, goals_of_loop
+from slipctl.design.goals import Limit, Objective
 from slipctl.design.judgement import Judged, Slice
 from slipctl.design.promises import Promises
 from slipctl.design.ranges import Free, read_frees
@@ -148,71 +150,103 @@ def tune(
             nothing meets.
         Stopped: Ctrl-C; has the best so far.
     """
+    _check(loop, samples, seed, held_out, jobs)
+    name, note = str((about or {}).get("loop", loop.name)), tell or (lambda text: None)
+    frees = read_frees(free, loop, scenario, controller)
+    world = World(loop, scenario, ensemble, signals=signals, known=known, seed=seed,
+                  free=[f.name for f in frees], compile=compile)  # fmt: skip
+    _apart(frees, world, note)
+    goals, limits, promises = _wanted(world, frees, name, objective, subject_to, gains, samples)
+    runs = RUNS * len(frees) * len(goals) if runs is None else runs
+    check_whole("--runs", runs, 1)
+    told = _identity(loop, world, frees, goals, subject_to, samples, runs) | dict(about or {})
+    with _begun(out, told) as store:
+        rolls = Rolls(world, jobs or machine.cores(), store)
+        rolls.progress = progress or rolls.progress
+        search = (FrontSearch if goals[1:] else Search)(
+            loop, frees, rolls, goals[0], limits, promises, samples, runs, seed, note,
+            tuple(goals[1:]),
+        )  # fmt: skip
+        return _found(search, name, held_out, prove)
+
+
+def _check(loop: Block, samples: int, seed: int, held_out: int, jobs: int | None) -> None:
     as_block("tune: the loop", loop)
     check_whole("--samples", samples, 4, 10_000)
     check_whole("--seed", seed, 0, 2**62)
     check_whole("the held-out draws", held_out, 2, 100_000)
     check_whole("--jobs", jobs or 1, 1)
-    name = str((about or {}).get("loop", loop.name))
-    frees = read_frees(free, loop, scenario, controller)
-    world = World(loop, scenario, ensemble, signals=signals, known=known, seed=seed,
-                  free=[f.name for f in frees], compile=compile)  # fmt: skip
-    for note in world.notes:
-        (tell or str)(note)
-    _apart(frees, world)
-    numbers = {f.name: f.now for f in frees}
-    there = _metrics_of_first(world, numbers, samples)
-    goals, limits, proved = goals_of_loop(
-        objective, subject_to, there, name, [g.name for g in gains]
-    )
-    if runs is None:
-        runs = RUNS * len(frees) * len(goals)
-    check_whole("--runs", runs, 1)
-    named = [m for goal in goals for m in goal.metrics]
-    world.wanted = tuple(dict.fromkeys((*named, *(limit.metric for limit in limits))))
+
+
+def _wanted(
+    world: World, frees: Sequence[Free], name: str, objective: str | Sequence[str],
+    subject_to: Sequence[str], gains: Sequence[Gains], samples: int,
+) -> tuple[Sequence[Objective], Sequence[Limit], Promises]:  # fmt: skip
+    """Objectives, limits and certificates; nothing else will be measured."""
+    there = _metrics_of_first(world, {f.name: f.now for f in frees}, samples)
+    names = [g.name for g in gains]
+    goals, limits, proved = goals_of_loop(objective, subject_to, there, name, names)
+    measured = [m for goal in goals for m in goal.metrics]
+    world.wanted = tuple(dict.fromkeys((*measured, *(limit.metric for limit in limits))))
     promises = Promises(tuple(gains), tuple(proved))
-    kept = [g.name for g in gains if promises.verdict(g, loop) == CERTIFIED]
-    promises = Promises(promises.gains, promises.wanted, tuple(kept))
-    told = {
-        "scenario": scenario.name, "free": [[f.name, f.lo, f.hi, f.unit] for f in frees],
+    kept = [g.name for g in gains if promises.verdict(g, world.loop) == CERTIFIED]
+    return goals, limits, Promises(promises.gains, promises.wanted, tuple(kept))
+
+
+@contextmanager
+def _begun(out: str | Path | None, told: Mapping[str, Any]) -> Iterator[Any]:
+    """The folder in which what was run is kept, while it is open; None without one."""
+    if out is None:
+        yield None
+        return
+    with closing(sweep_store.begin(Path(out), dict(told), FILE, "search")) as store:
+        yield store
+
+
+def _identity(
+    loop: Block, world: World, frees: Sequence[Free], goals: Sequence[Objective],
+    subject_to: Sequence[str], samples: int, runs: int,
+) -> dict[str, Any]:  # fmt: skip
+    """What kept runs of a search have to agree in."""
+    return {
+        "scenario": world.scenario.name, "free": [[f.name, f.lo, f.hi, f.unit] for f in frees],
         "objective": ", ".join(goal.text for goal in goals),
-        "constraints": list(subject_to), "ensemble": ensemble.hash,
-        "draws": samples, "runs": runs, "seed": seed, "slipctl": __version__,
+        "constraints": list(subject_to), "ensemble": world.ensemble.hash,
+        "draws": samples, "runs": runs, "seed": world.seed, "slipctl": __version__,
         "casadi": ca.CasadiMeta.version(), "numpy": np.__version__, "machine": platform.machine(),
         "equations": hashlib.sha256(loop.f.serialize().encode()).hexdigest(),
-        "numbers": world.measured.fingerprint(), "samples": 0, **(about or {}),
+        "numbers": world.measured.fingerprint(), "samples": 0,
     }  # fmt: skip
-    store = sweep_store.begin(Path(out), told, FILE, "search") if out is not None else None
+
+
+def _found(search: Search, name: str, held_out: int, prove: bool) -> Tuned:
+    """What a search finds, and what that is worth.
+
+    Raises:
+        Stopped: Ctrl-C; has the best so far.
+    """
+    rolls, numbers = search.rolls, {f.name: f.now for f in search.frees}
+    found = Tuned(search.loop, name, tuple(search.frees), numbers, search, None, (), {})
+    polished = Polished("a front has none")
     try:
-        rolls = Rolls(world, jobs or machine.cores(), store)
-        rolls.progress = progress or rolls.progress
-        rolls.begin("search", runs)
-        kind = Search if len(goals) == 1 else FrontSearch
-        search = kind(loop, frees, rolls, goals[0], limits, promises, samples, runs, seed,
-                      tell or (lambda text: None), tuple(goals[1:]))  # fmt: skip
-        found = Tuned(loop, name, tuple(frees), numbers, search, None, (), {})
-        polished = Polished("a front has none")
-        try:
-            best = search.run()
-            if len(goals) == 1:
-                polished = polish(search)
-                best = search.best
-            rolls.end()
-            rolls.begin(f"{held_out} held-out draws", 2 * held_out)
-            judged = judgement.judge(search, held_out)
-            rolls.end()
-            rolls.begin("one number at a time", judgement.runs_of_slices(search))
-            along = tuple(judgement.slices(search))
-            rolls.end()
-            stated = statement.prove(search) if prove else None
-            rolls.end()
-        except KeyboardInterrupt:
-            interrupts.note_interrupt()
-            raise Stopped(_with(found, search.best, None, ())) from None
-        return replace(_with(found, best, judged, along, stated), polished=polished)
-    finally:
-        if store is not None:
-            store.close()
+        rolls.begin("search", search.runs)
+        best = search.run()
+        if len(search.objectives) == 1:
+            polished = polish(search)
+            best = search.best
+        rolls.end()
+        rolls.begin(f"{held_out} held-out draws", 2 * held_out)
+        judged = judgement.judge(search, held_out)
+        rolls.end()
+        rolls.begin("one number at a time", judgement.runs_of_slices(search))
+        along = tuple(judgement.slices(search))
+        rolls.end()
+        stated = statement.prove(search) if prove else None
+        rolls.end()
+    except KeyboardInterrupt:
+        interrupts.note_interrupt()
+        raise Stopped(_with(found, search.best, None, ())) from None
+    return replace(_with(found, best, judged, along, stated), polished=polished)
 
 
 def _with(
@@ -256,8 +290,10 @@ def _metrics_of_first(world: World, numbers: Mapping[str, float], samples: int) 
     return {}
 
 
-def _apart(frees: Sequence[Free], world: World) -> None:
-    """Refuse a number that is both free and drawn."""
+def _apart(frees: Sequence[Free], world: World, note: Callable[[str], None]) -> None:
+    """Tell what is drawn without effect; refuse a number that is both free and drawn."""
+    for text in world.notes:
+        note(text)
     drawn = {a.name for a in world.axes} | {n for f in world.factors for n in f.numbers}
     for f in frees:
         if f.name in drawn:

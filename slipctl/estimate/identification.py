@@ -18,7 +18,7 @@ well the data determine a is cov a = (q^2/(N - n)) (R'R)^-1.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -26,7 +26,7 @@ import numpy as np
 
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.connection import connect
-from slipctl.block.signals import Output, Param, State
+from slipctl.block.signals import Output, Param, Signal, State
 from slipctl.block.transforms.discretisation import every
 from slipctl.errors import BadInput, check_positive
 from slipctl.estimate.misfit import (
@@ -204,11 +204,55 @@ def linear_fit(
     if len(about) != n or not all(s > 0 and math.isfinite(s) for s in about):
         raise BadInput(f"{where}: spread needs {n} positive numbers, of {', '.join(names)}")
     known, y = known_parameters(law, names), law.outputs[measured]
+    block = make_block(
+        "linear_fit", "step", _rotations(law, measured, names, rows.function, known),
+        states=[
+            State("1", 0.0, "R and z, each in its units", shape=(n, n + 1)).named("Rz"),
+            State(y.unit, 0.0, "root of the sum of squares that no parameter explains").named("q"),
+            State("1", 0.0, "samples, faded ones by their weight").named("count"),
+        ],
+        inputs=[*law.inputs.values(), y.as_role("input", value=None, doc=f"measured {y.doc}")],
+        params=[*_weights(y.unit, about, centre), *known],
+        outputs=[
+            *(Output(law.params[k].unit, f"estimate: {law.params[k].doc}").named(k) for k in names),
+            Output(y.unit, "measurement minus prediction").named("residual"),
+            Output("1", "standard deviations of the unknowns", shape=(n,)).named("deviation"),
+            Output("1", "1 when the data tell all unknowns").named("identified"),
+            *(s.as_role("output", value=None) for s in information(law, measured, names)),
+            Output(y.unit, "data: what no parameter explains").named("q"),
+        ],
+        period=period, sx=False, doc=_DOC,
+        choices={"law": law.name, "unknown": ", ".join(names)},
+    )  # fmt: skip
+    return block.with_params(**numbers) if numbers else block
+
+
+def _weights(unit: str, about: Sequence[float], centre: Sequence[Any]) -> list[Signal]:
+    """Parameters of recursive least squares: what counts how much, and what is known besides."""
+    n = len(centre)
+    return [
+        Param("1", 1.0, "weight of the past, per sample", lo=1e-3, hi=1).named("forgetting"),
+        Param(unit, 1e-2, "standard deviation of a sample, for the weight of what is known"
+              " besides", lo=1e-12).named("noise"),
+        Param("1", np.array(about), "deviation of the unknowns before any sample",
+              lo=1e-12, shape=(n,)).named("spread"),
+        Param("1", np.array(centre, dtype=float), "the unknowns before any sample",
+              shape=(n,)).named("centre"),
+        Param("1", 0.05, "share of its value to which each unknown is wanted",
+              lo=1e-9).named("accuracy"),
+    ]  # fmt: skip
+
+
+def _rotations(
+    law: Block, measured: str, names: Sequence[str], row: ca.Function, known: Sequence[Signal]
+) -> Callable[..., Any]:
+    """Body of recursive least squares: the row of a new sample is rotated into R, z and q."""
+    n = len(names)
     rotate, solve = rotation(n), solution(n)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         inputs = law.pack("input", {k: u[k] for k in law.inputs})
-        _, slopes, offset = rows.function(inputs, stack_column(p[s.name] for s in known))
+        _, slopes, offset = row(inputs, stack_column(p[s.name] for s in known))
         prior = ca.diag(p["noise"] / p["spread"])
         before = ca.horzcat(prior, prior @ p["centre"])
         lam, begins = p["forgetting"], x["count"] == 0
@@ -229,38 +273,7 @@ def linear_fit(
         results |= {f"z{i + 1}": Rz[i, n] for i in range(n)} | {"q": q}
         return {"Rz": Rz, "q": q, "count": count}, results
 
-    block = make_block(
-        "linear_fit", "step", body,
-        states=[
-            State("1", 0.0, "R and z, each in its units", shape=(n, n + 1)).named("Rz"),
-            State(y.unit, 0.0, "root of the sum of squares that no parameter explains").named("q"),
-            State("1", 0.0, "samples, faded ones by their weight").named("count"),
-        ],
-        inputs=[*law.inputs.values(), y.as_role("input", value=None, doc=f"measured {y.doc}")],
-        params=[
-            Param("1", 1.0, "weight of the past, per sample", lo=1e-3, hi=1).named("forgetting"),
-            Param(y.unit, 1e-2, "standard deviation of a sample, for the weight of what is known"
-                  " besides", lo=1e-12).named("noise"),
-            Param("1", np.array(about), "deviation of the unknowns before any sample",
-                  lo=1e-12, shape=(n,)).named("spread"),
-            Param("1", np.array(centre, dtype=float), "the unknowns before any sample",
-                  shape=(n,)).named("centre"),
-            Param("1", 0.05, "share of its value to which each unknown is wanted",
-                  lo=1e-9).named("accuracy"),
-            *known,
-        ],
-        outputs=[
-            *(Output(law.params[k].unit, f"estimate: {law.params[k].doc}").named(k) for k in names),
-            Output(y.unit, "measurement minus prediction").named("residual"),
-            Output("1", "standard deviations of the unknowns", shape=(n,)).named("deviation"),
-            Output("1", "1 when the data tell all unknowns").named("identified"),
-            *(s.as_role("output", value=None) for s in information(law, measured, names)),
-            Output(y.unit, "data: what no parameter explains").named("q"),
-        ],
-        period=period, sx=False, doc=_DOC,
-        choices={"law": law.name, "unknown": ", ".join(names)},
-    )  # fmt: skip
-    return block.with_params(**numbers) if numbers else block
+    return body
 
 
 _DOC = """Recursive least squares by plane rotations, for a law linear in its unknowns.

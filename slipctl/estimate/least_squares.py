@@ -96,8 +96,28 @@ def rls(
     check_positive(f"rls({law.name}): period", period, "s")
     for word, count in (("window", window), ("iterations", iterations), ("memory", memory)):
         check_whole(f"rls({law.name}): {word}", count)
+    _check_window(law.name, form, iterations, iterations_per_tick, echo, recall)
+    if form == "printed-16" and not (coordinates is None and start is None):
+        raise BadInput("rls(form='printed-16') starts at zero and has no other coordinates")
+    model = Model.of(law, measured, unknown, coordinates, start, plain=form == "printed-16")
+    if form == "window":
+        from slipctl.estimate.window import windowed_estimator
+
+        block = windowed_estimator(
+            model, period, int(window), int(iterations), int(memory), float(echo), int(recall),
+            iterations_per_tick,
+        )  # fmt: skip
+    else:
+        block = (_recursive if form == "recursive" else _printed_16)(model, period)
+    return block.with_params(**numbers) if numbers else block
+
+
+def _check_window(
+    name: str, form: str, iterations: int, iterations_per_tick: int | None, echo: float, recall: int
+) -> None:
+    """Refuse what only the fit over a window has, for another form, and what it cannot do."""
     if iterations_per_tick is not None:
-        what = f"rls({law.name}): iterations_per_tick"
+        what = f"rls({name}): iterations_per_tick"
         check_whole(what, iterations_per_tick, 1, int(iterations))
         if form != "window":
             raise BadInput(f"{what}: form={form!r} has no iterations; leave it out")
@@ -106,31 +126,12 @@ def rls(
                 f"{what} = {iterations_per_tick} must divide the {iterations} iterations of a fit"
             )
     if not (isinstance(echo, int | float) and 0 <= echo <= 1):
-        raise BadInput(f"rls({law.name}): echo = {echo!r} must be from 0 to 1")
+        raise BadInput(f"rls({name}): echo = {echo!r} must be from 0 to 1")
     if echo and form != "window":
-        raise BadInput(f"rls({law.name}, form={form!r}) takes noise as white; echo needs 'window'")
-    check_whole(f"rls({law.name}): recall", recall, least=0)
+        raise BadInput(f"rls({name}, form={form!r}) takes noise as white; echo needs 'window'")
+    check_whole(f"rls({name}): recall", recall, least=0)
     if recall and (form != "window" or echo):
-        raise BadInput(f"rls({law.name}): recall needs form='window' and echo=0")
-    if form == "printed-16" and not (coordinates is None and start is None):
-        raise BadInput("rls(form='printed-16') starts at zero and has no other coordinates")
-    model = Model.of(law, measured, unknown, coordinates, start, plain=form == "printed-16")
-    if form == "window":
-        from slipctl.estimate.window import windowed_estimator
-
-        block = windowed_estimator(
-            model,
-            period,
-            int(window),
-            int(iterations),
-            int(memory),
-            float(echo),
-            int(recall),
-            iterations_per_tick,
-        )
-    else:
-        block = (_recursive if form == "recursive" else _printed_16)(model, period)
-    return block.with_params(**numbers) if numbers else block
+        raise BadInput(f"rls({name}): recall needs form='window' and echo=0")
 
 
 def _recursive(model: Model, period: float) -> Block:

@@ -87,11 +87,32 @@ def mhe(
     """
     block = as_block("mhe: the plant", plant)
     who = f"mhe({block.name})"
+    _check_arrival(who, arrival)
+    limited = [n for n in limits if n in block.outputs] if isinstance(limits, Mapping) else []
+    problem = Problem.of("mhe", block, measurements, list(arrival), limited)
+    _check_signals(who, problem)
+    check_positive(f"{who}: period", period, "s")
+    for word, count, least in (
+        ("samples", samples, 2), ("substeps", substeps, 1), ("iterations", iterations, 1),
+        ("passes", passes, 1), ("rescue", rescue, 0),
+    ):  # fmt: skip
+        check_whole(f"{who}: {word}", count, least)
+    numbers = _numbers(who, problem, arrival, drift, noise, start)
+    kept, names = _limits(who, problem, limits), _late(who, problem, late)
+    if not rescue and any(s.hard for s in kept.values()):
+        raise BadInput(f"{who}: hard limits need rescue= of 1 or more steps")
+    window = Window(problem, int(samples), float(period), int(substeps), kept)
+    return _Estimator(window, numbers, int(iterations), int(passes), int(rescue), names).block(name)
+
+
+def _check_arrival(who: str, arrival: Mapping[str, float]) -> None:
     if not isinstance(arrival, Mapping) or not arrival:
         told = " ".join(repr(arrival).split())
         raise BadInput(f"{who}: arrival = {told}; give {{name of an unknown: variance, ...}}")
-    limited = [n for n in limits if n in block.outputs] if isinstance(limits, Mapping) else []
-    problem = Problem.of("mhe", block, measurements, list(arrival), limited)
+
+
+def _check_signals(who: str, problem: Problem) -> None:
+    """Refuse what is measured and not estimated, and arrays."""
     for s in problem.increments:
         raise BadInput(
             f"{who}: {s.name} is measured and not estimated; give arrival={{{s.name!r}: ...}} too"
@@ -99,32 +120,34 @@ def mhe(
     for s in (*problem.measured, *problem.known, *problem.params):
         if s.shape != ():
             raise BadInput(f"{who}: {s.name} is an array; an estimator takes scalars")
-    check_positive(f"{who}: period", period, "s")
-    counts = {"samples": samples, "substeps": substeps, "iterations": iterations, "passes": passes}
-    for word, count in counts.items():
-        check_whole(f"{who}: {word}", count, 2 if word == "samples" else 1)
-    check_whole(f"{who}: rescue", rescue, 0)
+
+
+def _numbers(
+    who: str, problem: Problem, arrival: Numbers, drift: Numbers, noise: Numbers,
+    start: Numbers | None,
+) -> dict[str, dict[str, float]]:  # fmt: skip
+    """Variances and first estimates by what they are of, and by name."""
     unknown = {s.name: unit_squared(s.unit) for s in problem.unknown}
     rates = {n: f"{u}/s" for n, u in unknown.items()}
     seen = {s.name: unit_squared(s.unit) for s in problem.measured}
-    numbers = {
+    units = {s.name: s.unit for s in problem.unknown}
+    first = {} if start is None else start
+    return {
         "prior": by_name(who, "arrival", arrival, unknown, "positive"),
         "drift": by_name(who, "drift", drift, rates, "not negative"),
         "noise": by_name(who, "noise", noise, seen, "positive"),
-        "start": by_name(
-            who, "start", {} if start is None else start,
-            {s.name: s.unit for s in problem.unknown}, "finite", partial=True,
-        ),
-    }  # fmt: skip
-    kept = _limits(who, problem, limits)
+        "start": by_name(who, "start", first, units, "finite", partial=True),
+    }
+
+
+def _late(who: str, problem: Problem, late: str | Sequence[str]) -> list[str]:
+    """Measurements whose samples may come late."""
     names = [late] if isinstance(late, str) or not isinstance(late, Iterable) else list(late)
+    seen = [s.name for s in problem.measured]
     for n in names:
         if n not in seen:
             raise BadInput(f"{who}: late = {n!r}, which is not measured{nearest(str(n), seen)}")
-    if not rescue and any(s.hard for s in kept.values()):
-        raise BadInput(f"{who}: hard limits need rescue= of 1 or more steps")
-    window = Window(problem, int(samples), float(period), int(substeps), kept)
-    return _Estimator(window, numbers, int(iterations), int(passes), int(rescue), names).block(name)
+    return names
 
 
 def _limits(

@@ -13,6 +13,7 @@ from typing import Any
 import casadi as ca
 
 from slipctl.errors import BadInput
+from slipctl.predict.program import Program
 from slipctl.predict.qp.active_set import LEAST, ActiveSet, Found
 from slipctl.predict.stages.horizon import Horizon
 
@@ -209,85 +210,63 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
     before, bounds = ca.MX.sym("before", nu), ca.MX.sym("bounds", 3 * nu, N)
     X = [ca.MX.sym(f"X{k}", nx) for k in range(N + 1)]
     V = [ca.MX.sym(f"V{k}", nu) for k in range(N)]
+    guess_x, guess_v = ca.MX.sym("GX", nx * (N + 1)), ca.MX.sym("GV", nu * N)
     step, cost, last = problem.step(), *problem.costs()
-    f, g, equal, room = ca.MX(0), [], [], []
-    low: list[Any] = []
     firm, firm_end = problem.firm()
-    beyond = ca.MX.ones(len(problem.hard)) * -ca.inf
-    z: list[Any] = []
+    count, unlimited = len(problem.hard), ca.MX.ones(nx) * ca.inf
+    beyond, none = ca.MX.ones(count) * -ca.inf, ca.MX.zeros(count)
+    program, f, still = Program(), ca.MX(0), ca.MX.zeros(nx)
     for k in range(N):
-        z += [X[k], V[k]]
+        program.vary(X[k], guess_x[nx * k : nx * (k + 1)], -unlimited, unlimited)
+        program.vary(
+            V[k], guess_v[nu * k : nu * (k + 1)], bounds[:nu, k], bounds[nu : 2 * nu, k]
+        )  # fmt: skip
         f += cost(X[k], V[k], d[:, k], q)
-        g.append(X[k + 1] - step(X[k], V[k] * scale, d[:, k], q[: problem.np_])[0])
-        equal += [True] * nx
-        room.append(ca.MX.zeros(nx))
+        after = step(X[k], V[k] * scale, d[:, k], q[: problem.np_])[0]
+        program.keep(X[k + 1] - after, -still, still, equation=True)
         if k == 0:
-            g.append(X[0] - x0)
-            equal += [True] * nx
-            room.append(ca.MX.zeros(nx))
+            program.keep(X[0] - x0, -still, still, equation=True)
         if rates or tied[k]:
             lead = problem.leaders if 0 < k <= problem.shared else [*range(nu)]
-            g.append(V[k] - (V[k - 1][lead] if k else before))
-            equal += [False] * nu
-            room.append(ca.MX.zeros(nu) if tied[k] else bounds[2 * nu :, k])
-        low += [-v for v in room[len(low) :]]
+            most = ca.MX.zeros(nu) if tied[k] else bounds[2 * nu :, k]
+            program.keep(V[k] - (V[k - 1][lead] if k else before), -most, most)
         if problem.hard and k:  # what is measured is what it is
-            g.append(firm(X[k], V[k], d[:, k], q))
-            equal += [False] * len(problem.hard)
-            room.append(ca.MX.zeros(len(problem.hard)))
-            low.append(beyond)
-    z.append(X[N])
+            program.keep(firm(X[k], V[k], d[:, k], q), beyond, none)
+    program.vary(X[N], guess_x[-nx:], -unlimited, unlimited)
     if problem.hard:
-        g.append(firm_end(X[N], d_last, q))
-        equal += [False] * len(problem.hard)
-        room.append(ca.MX.zeros(len(problem.hard)))
-        low.append(beyond)
+        program.keep(firm_end(X[N], d_last, q), beyond, none)
     f += last(X[N], d_last, q)
-    options: dict[str, Any] = dict(QUIET)
-    if solver == "fatrop":
-        options |= {"structure_detection": "auto", "equality": equal, "fatrop.print_level": 0}
-    else:
-        options |= {
-            "ipopt.print_level": 0,
-            "ipopt.sb": "yes",
-            "ipopt.tol": 1e-8,
-            "ipopt.mu_init": 1e-4,
-        }
-    unlimited = ca.MX.ones(nx) * ca.inf
-    lbx = ca.vertcat(*[m for k in range(N) for m in (-unlimited, bounds[:nu, k])], -unlimited)
-    ubx = ca.vertcat(*[m for k in range(N) for m in (unlimited, bounds[nu : 2 * nu, k])], unlimited)
     every = ca.vertcat(x0, ca.vec(d), d_last, q, before, ca.vec(bounds))
-    variables, rows = ca.vertcat(*z), ca.vertcat(*g)
+    variables, rows, given = program.x, program.g, program.given
     nlp = ca.nlpsol(
-        "nlp", solver, {"x": variables, "f": f, "g": rows, "p": every}, options,
+        "nlp", solver, {"x": variables, "f": f, "g": rows, "p": every},
+        _nlp_options(solver, program.equations),
     )  # fmt: skip
     lam = ca.MX.sym("lam", rows.numel())
     slopes = ca.Function(
         "slopes", [variables, every, lam],
         [ca.gradient(f, variables), ca.jtimes(rows, variables, lam, True), rows],
     )  # fmt: skip
-    guess_x, guess_v = ca.MX.sym("GX", nx * (N + 1)), ca.MX.sym("GV", nu * N)
-    start = ca.vertcat(
-        *[
-            m
-            for k in range(N)
-            for m in (guess_x[nx * k : nx * (k + 1)], guess_v[nu * k : nu * (k + 1)])
-        ],
-        guess_x[-nx:],
-    )
-    most, least = ca.vertcat(*room), ca.vertcat(*low)
-    done = nlp(x0=start, p=every, lbx=lbx, ubx=ubx, lbg=least, ubg=most)
+    done = nlp(p=every, **given)
     pieces = ca.vertsplit(done["x"], [*_edges(nx, nu, N)])
     down, back, held = slopes(done["x"], every, done["lam_g"])
     left = remains(
         down + back + done["lam_x"], down, ca.vertcat(held, done["x"]),
-        ca.vertcat(least, lbx), ca.vertcat(most, ubx),
+        ca.vertcat(given["lbg"], given["lbx"]), ca.vertcat(given["ubg"], given["ubx"]),
         ca.vertcat(done["lam_g"], done["lam_x"]),
     )  # fmt: skip
     return ca.Function(
         "to_the_end", [x0, d, d_last, q, before, bounds, guess_x, guess_v],
         [ca.vertcat(*pieces[0::2]), ca.vertcat(*pieces[1::2]), left],
     )  # fmt: skip
+
+
+def _nlp_options(solver: str, equations: list[bool]) -> dict[str, Any]:
+    if solver == "fatrop":
+        own = {"structure_detection": "auto", "equality": equations, "fatrop.print_level": 0}
+    else:
+        own = {"ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-8, "ipopt.mu_init": 1e-4}
+    return QUIET | own
 
 
 def remains(slope: Any, gradient: Any, held: Any, lo: Any, hi: Any, multipliers: Any) -> Any:

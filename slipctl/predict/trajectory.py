@@ -18,6 +18,7 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.block.transforms.discretisation import sampled
 from slipctl.errors import BadInput, RunFailed
+from slipctl.predict.program import Program
 from slipctl.predict.stages.horizon import expressions
 from slipctl.predict.tracks import elements, log_signal, resample_columns, rows_at
 from slipctl.run.build import column
@@ -301,28 +302,13 @@ class _Problem:
         hi = np.array([b[1] for b in self.bounds.values()])
         size = np.maximum(np.abs(lo), np.abs(hi))
         interval, path = self._interval(), self._path()
-        z: list[Any] = []
-        z0: list[np.ndarray] = []
-        low: list[np.ndarray] = []
-        high: list[np.ndarray] = []
-        g: list[Any] = []
-        free = np.full(nx, np.inf)
-        path_rows: list[Any] = []
-
-        def variable(name: str, start: np.ndarray, a: np.ndarray, b: np.ndarray) -> Any:
-            symbol = ca.MX.sym(name, start.size)
-            z.append(symbol)
-            z0.append(start)
-            low.append(a)
-            high.append(b)
-            return symbol
-
-        x = variable("x", self.x0 / self.scale, self.x0 / self.scale, self.x0 / self.scale)
+        program, kept = Program(), []
+        start = self.x0 / self.scale
+        x = program.vary(ca.MX.sym("x", nx), start, start, start)
         total = ca.MX(0)
         for k, phase in enumerate(self.phases):
             if phase.duration is None:
-                first = np.array([guess["durations"][k]])
-                T = variable(f"T{k}", first, np.array([1e-3]), np.array([LONG]))
+                T = program.vary(ca.MX.sym(f"T{k}", 1), guess["durations"][k], 1e-3, LONG)
             else:
                 T = ca.MX(phase.duration)
             total += T
@@ -331,55 +317,46 @@ class _Problem:
             gx = gx.reshape(n, DEGREE + 1, nx) / self.scale
             points = ca.MX.sym(f"P{k}", nx * DEGREE, n)
             controls = ca.MX.sym(f"U{k}", nu, n)
-            z += [ca.vec(points), ca.vec(controls)]
-            z0 += [gx[:, 1:].reshape(-1), np.clip(gu / size, lo / size, hi / size).reshape(-1)]
-            low += [np.tile(-free, n * DEGREE), np.tile(lo / size, n)]
-            high += [np.tile(free, n * DEGREE), np.tile(hi / size, n)]
+            free = np.full(n * DEGREE * nx, np.inf)
+            program.vary(ca.vec(points), gx[:, 1:].reshape(-1), -free, free)
+            program.vary(
+                ca.vec(controls), np.clip(gu / size, lo / size, hi / size).reshape(-1),
+                np.tile(lo / size, n), np.tile(hi / size, n),
+            )  # fmt: skip
             begin = ca.horzcat(x, points[-nx:, :-1])
             h = ca.DM(np.diff(mesh)[None]) * T
-            defects = interval.map(n)(
-                begin, points, controls, h, ca.repmat(ca.DM(phase.u), 1, n),
-                ca.repmat(ca.DM(phase.p), 1, n),
-            )  # fmt: skip
-            g.append(ca.vec(defects))
+            known = [ca.repmat(ca.DM(v), 1, n) for v in (phase.u, phase.p)]
+            program.equal(ca.vec(interval.map(n)(begin, points, controls, h, *known)))
             if path is not None:
-                path_rows.append(
-                    ca.vec(path.map(n)(points, controls, ca.repmat(ca.DM(phase.u), 1, n),
-                                       ca.repmat(ca.DM(phase.p), 1, n)))
-                )  # fmt: skip
+                kept.append(ca.vec(path.map(n)(points, controls, *known)))
             x = points[-nx:, -1]
             if phase.position is not None:
                 at = self.states.index(str(self.place))
-                g.append(x[at] - phase.position / self.scale[at])
+                program.equal(x[at] - phase.position / self.scale[at])
         for name, value in self.end.items():
             at = self.states.index(name)
-            g.append(x[at] - value / self.scale[at])
-        equalities = sum(c.numel() for c in g)
-        rows = [np.zeros(equalities)] * 2
-        if path_rows:
-            count = n * len(self.phases) * DEGREE
-            pairs = np.array(list(self.limits.values()), dtype=float)
-            rows = [np.concatenate([rows[i], np.tile(pairs[:, i], count)]) for i in range(2)]
+            program.equal(x[at] - value / self.scale[at])
+        pairs = np.array(list(self.limits.values()), dtype=float).reshape(-1, 2)
+        least, most = (np.tile(ends, n * DEGREE) for ends in pairs.T)
+        for row in kept:
+            program.keep(row, least, most)
+        if self.end:  # the scenario's duration is the longest
+            program.keep(total, 0.0, self.scenario.duration)
         if self.goal is None:
             objective = total
         else:
             at = self.states.index(self.goal)
             objective = x[at] * self.scale[at]
-        if self.end:
-            path_rows.append(total)  # the scenario's duration is the longest
-            rows = [np.append(rows[0], 0.0), np.append(rows[1], self.scenario.duration)]
-        nlp = {"x": ca.vertcat(*z), "f": self.sign * objective, "g": ca.vertcat(*g, *path_rows)}
+        z, given = program.x, program.given
+        nlp = {"x": z, "f": self.sign * objective, "g": program.g}
         for barrier in BARRIERS:
             solver = ca.nlpsol("trajectory", "ipopt", nlp, IPOPT | barrier)
-            done = solver(
-                x0=np.concatenate(z0), lbx=np.concatenate(low), ubx=np.concatenate(high),
-                lbg=rows[0], ubg=rows[1],
-            )  # fmt: skip
+            done = solver(**given)
             if solver.stats()["return_status"] in SOLVED:
                 break
         else:
             return None
-        split = ca.Function("split", [ca.vertcat(*z)], z)(done["x"])
+        split = ca.Function("split", [z], program.variables)(done["x"])
         return float(done["f"]), self._solution(mesh, [column(v) for v in split], size)
 
     def _interval(self) -> ca.Function:

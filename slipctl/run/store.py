@@ -34,13 +34,21 @@ DEVICES = {"con", "prn", "aux", "nul", *(f"{k}{n}" for k in ("com", "lpt") for n
 """Names that Windows keeps for devices, also with an ending: ``nul.json`` is no file there."""
 
 
+LONGEST_NAME = 255
+"""Bytes of a name in a folder, on Linux, macOS and Windows."""
+
+
 def check_names(path: Path) -> None:
     """Refuse a path that a colleague's Windows cannot read, on every system.
 
     Raises:
-        BadInput: a part of it is the name of a device.
+        BadInput: a part of it is the name of a device, or longer than a name of a file can be.
     """
     for name in path.parts:
+        if len(name.encode(errors="replace")) > LONGEST_NAME:
+            raise BadInput(
+                f"cannot write {name[:30]}...: a name of a file has at most {LONGEST_NAME} bytes"
+            )
         if name.partition(".")[0].rstrip(" ").lower() in DEVICES:
             raise BadInput(
                 f"cannot write {path}: {name} is a device on Windows; choose another name"

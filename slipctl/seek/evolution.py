@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Set
+from collections.abc import Callable, Sequence, Set
 from typing import Any
 
 import casadi as ca
 
 from slipctl.analysis.objective import (
+    best_outputs,
     column,
     objective,
     open_law,
@@ -17,7 +18,7 @@ from slipctl.analysis.objective import (
     search_params,
 )
 from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
-from slipctl.block.signals import Output, Param, Signal, State
+from slipctl.block.signals import Param, Signal, State
 from slipctl.block.text.intermediates import remember_locals
 from slipctl.errors import BadInput, check_number, check_range, check_whole
 from slipctl.seek import random as wh
@@ -83,16 +84,32 @@ def differential_evolution(
     n = int(population)
     given, value_of = open_law(law, [over], maximise)
     worse = -1.0 if form == "printed-alg1" else 1.0
-    start = _first(value_of, n, worse)
-    generation = _generation(value_of, n, worse)
-    best_of = _best_of(n)
+    many = per_tick < generations
+    unit, states = law.inputs[over].unit, [wh.random_state(seed)]
+    if many:
+        states += _memory(unit, law.outputs[maximise].unit, n, value_of.size1_in(1))
+    numbers = _numbers(unit, float(lo), float(hi), float(crossover))
+    refuse_names(where, law, [s.name for s in (*states, *numbers)])
+    whole, spread = _bodies(given, value_of, n, worse, generations, int(per_tick))
+    return make_block(
+        "differential_evolution", "step", spread if many else whole,
+        states=states, inputs=search_inputs(given), params=[*numbers, *search_params(given)],
+        outputs=best_outputs(law, over, maximise), sx=False,
+        doc=doc_of_maker(differential_evolution),
+        choices={
+            "form": form, "law": law.name, "over": over, "population": n,
+            "generations": int(generations), "per tick": int(per_tick), "seed": int(seed),
+        },
+    )  # fmt: skip
 
-    x = law.inputs[over]
-    numbers = _numbers(x.unit, float(lo), float(hi), float(crossover))
-    random = State(
-        "1", wh.state_from_seed(seed), "random numbers, Wichmann-Hill", shape=(3,)
-    ).named("rng")
-    of_one_tick = repeat_step(generation, int(per_tick))
+
+def _bodies(
+    given: Sequence[Signal], value_of: ca.Function, n: int, worse: float, generations: int,
+    per_tick: int,
+) -> tuple[Callable[..., Any], Callable[..., Any]]:  # fmt: skip
+    """Bodies of the block: of a whole search in each tick, and of one over several ticks."""
+    start, best_of = _first(value_of, n, worse), _best_of(n)
+    of_one_tick = repeat_step(_generation(value_of, n, worse), per_tick)
 
     def run(G: Any, rng: Any, pop: Any, val: Any, at: Any, p: Exprs) -> Any:
         """The generations of one tick, from generation G on."""
@@ -128,26 +145,7 @@ def differential_evolution(
         }  # fmt: skip
         return nxt, {"best": best, "value": height}
 
-    unit = law.outputs[maximise].unit
-    many = per_tick < generations
-    states, params = (
-        [random, *(_memory(x.unit, unit, n, value_of.size1_in(1)) if many else [])],
-        numbers,
-    )
-    refuse_names(where, law, [s.name for s in (*states, *params)])
-    return make_block(
-        "differential_evolution", "step", spread if many else whole,
-        states=states, inputs=search_inputs(given), params=[*params, *search_params(given)],
-        outputs=[
-            Output(x.unit, f"best {x.doc}", positive=x.positive, per=x.per).named("best"),
-            law.outputs[maximise].as_role("output", doc="value there").named("value"),
-        ],
-        sx=False, doc=doc_of_maker(differential_evolution),
-        choices={
-            "form": form, "law": law.name, "over": over, "population": n,
-            "generations": int(generations), "per tick": int(per_tick), "seed": int(seed),
-        },
-    )  # fmt: skip
+    return whole, spread
 
 
 def _numbers(unit: str, lo: float, hi: float, crossover: float) -> list[Signal]:

@@ -12,6 +12,7 @@ from typing import Any
 
 import casadi as ca
 
+from slipctl.block.signals import Signal, State
 from slipctl.errors import check_whole
 
 FACTORS = (171, 172, 170)
@@ -30,6 +31,12 @@ def state_from_seed(seed: int) -> list[float]:
         state.append(float(1 + rest % (modulus - 1)))
         rest = rest // (modulus - 1) + 7919 * (rest + 1)
     return state
+
+
+def random_state(seed: int) -> Signal:
+    """The generator as a state of a block, ``rng``."""
+    start = state_from_seed(seed)
+    return State("1", start, "random numbers, Wichmann-Hill", shape=(3,)).named("rng")
 
 
 def advance(state: Any, whole: Callable[[Any], Any] = ca.floor) -> Any:

@@ -15,9 +15,10 @@ from slipctl.analysis.objective import (
     refuse_names,
     search_inputs,
     search_params,
+    value_there,
 )
 from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
-from slipctl.block.signals import Output, Param, State, real_array
+from slipctl.block.signals import Output, Param, Signal, real_array
 from slipctl.errors import BadInput, check_number, check_positive, check_ranges, check_whole
 from slipctl.seek import random as wh
 from slipctl.seek.evolution import BLOCK, repeat_step
@@ -66,26 +67,12 @@ def particle_swarm(
         minimise = objective(where, law, name, minimise)
     check_whole(f"{where}: particles", particles, 2, 1000)
     check_whole(f"{where}: iterations", iterations)
-    clamps = np.ravel(np.asarray(clamp, dtype=object))
-    numbers = [("c1", c1), ("c2", c2), *(("clamp", c) for c in clamps)]
-    for what, number in numbers if callable(inertia) else [("inertia", inertia), *numbers]:
-        check_number(f"{where}: {what}", number)
-    clamps = clamps.astype(float)
-    if clamps.size not in (1, len(names)):
-        raise BadInput(f"{where}: clamp has {clamps.size} numbers; give one, or {len(names)}")
+    settings = _settings(where, inertia, c1, c2, clamp, len(names))
     assert minimise is not None
     given, value_of = open_law(law, names, minimise)
     n, d, m = int(particles), len(names), value_of.size1_in(1)
     low_hi = np.array([over[k] for k in names])
     lo, span = ca.DM(low_hi[:, 0]), ca.DM(low_hi[:, 1] - low_hi[:, 0])
-    settings = [
-        Param("1", float(c1), "pull to the own best", lo=0, hi=4).named("c1"),
-        Param("1", float(c2), "pull to the best of all", lo=0, hi=4).named("c2"),
-        Param("1", clamps if clamps.size > 1 else float(clamps[0]), "largest step, of the range",
-              lo=1e-9, hi=1, shape=(d,) if clamps.size > 1 else ()).named("clamp"),
-    ]  # fmt: skip
-    if not callable(inertia):
-        settings.insert(0, Param("1", float(inertia), "inertia", lo=0, hi=2).named("inertia"))
     refuse_names(where, law, ["rng", *(s.name for s in settings)])
     first = _first(value_of, d, m, lo, span).mapaccum("particles", n)
     weight = inertia if callable(inertia) else None
@@ -108,17 +95,39 @@ def particle_swarm(
 
     return make_block(
         "particle_swarm", "step", body,
-        states=[State("1", wh.state_from_seed(seed), "random numbers, Wichmann-Hill", shape=(3,))
-                .named("rng")],
-        inputs=search_inputs(given), params=[*settings, *search_params(given)],
+        states=[wh.random_state(seed)], inputs=search_inputs(given),
+        params=[*settings, *search_params(given)],
         outputs=[*(Output(law.inputs[k].unit, f"best {law.inputs[k].doc}").named(k)
-                   for k in names),
-                 law.outputs[minimise].as_role("output", doc="value there").named("value")],
+                   for k in names), value_there(law, minimise)],
         sx=False, doc=doc_of_maker(particle_swarm),
         choices={"law": law.name, "particles": n, "iterations": int(iterations),
                  "over": ", ".join(f"{k} {a:g}..{b:g}" for k, (a, b) in over.items()),
                  "seed": int(seed)} | ({"inertia": "a function"} if callable(inertia) else {}),
     )  # fmt: skip
+
+
+def _settings(
+    where: str, inertia: float | Callable[[Any], Any], c1: float, c2: float,
+    clamp: float | Sequence[float], variables: int,
+) -> list[Signal]:  # fmt: skip
+    """Parameters of a swarm; an inertia that is a function is none."""
+    clamps = np.ravel(np.asarray(clamp, dtype=object))
+    numbers = [("c1", c1), ("c2", c2), *(("clamp", c) for c in clamps)]
+    for what, number in numbers if callable(inertia) else [("inertia", inertia), *numbers]:
+        check_number(f"{where}: {what}", number)
+    clamps = clamps.astype(float)
+    if clamps.size not in (1, variables):
+        raise BadInput(f"{where}: clamp has {clamps.size} numbers; give one, or {variables}")
+    one = clamps.size == 1
+    settings = [
+        Param("1", float(c1), "pull to the own best", lo=0, hi=4).named("c1"),
+        Param("1", float(c2), "pull to the best of all", lo=0, hi=4).named("c2"),
+        Param("1", float(clamps[0]) if one else clamps, "largest step, of the range",
+              lo=1e-9, hi=1, shape=() if one else (variables,)).named("clamp"),
+    ]  # fmt: skip
+    if not callable(inertia):
+        settings.insert(0, Param("1", float(inertia), "inertia", lo=0, hi=2).named("inertia"))
+    return settings
 
 
 def _parts(z: Any, n: int, d: int) -> tuple[Any, Any, Any, Any, Any, Any]:

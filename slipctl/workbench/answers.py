@@ -3,33 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from slipctl.errors import BadInput, Faults, RunFailed
 from slipctl.study.failures import blame
-from slipctl.workbench.c_texts import c_of_rig
-from slipctl.workbench.command_lines import (
-    command_words,
-    found_gains,
-    replayed_curves,
-    run_command,
-)
 from slipctl.workbench.curves import curves_of_run, frame
 from slipctl.workbench.desk import Desk, Rig, command_of
-from slipctl.workbench.effects import difference_rows, exact_slopes
-from slipctl.workbench.ensembles import ensemble_rows
 from slipctl.workbench.findings import metric_rows, warnings_of_rig
-from slipctl.workbench.gain_regions import (
-    certificates_of_rig,
-    gains_by_name,
-    region_rows,
-    verdict_of_gains,
-)
-from slipctl.workbench.laws import block_view, law_of_desk, law_of_text, law_view
-from slipctl.workbench.saved_files import save_desk
+from slipctl.workbench.questions import COMMANDS, KINDS
+from slipctl.workbench.safety.certificates import certificates_of_rig, gains_by_name
 from slipctl.workbench.sliders import check_numbers
-from slipctl.workbench.texts import completions, faults_of_text, with_value
+
+# what a question alone needs is imported there: the first page does not wait for it
 
 EVERY = 0.08
 """Seconds from one part of a curve to the next, while a run goes on."""
@@ -46,7 +32,13 @@ class Answers:
 
     Args:
         desk: what is open.
+
+    Attributes:
+        kinds: questions that it answers. without: why it does not answer the others.
     """
+
+    kinds: tuple[str, ...] = KINDS
+    without = ""
 
     def __init__(self, desk: Desk) -> None:
         self.desk = desk
@@ -66,7 +58,9 @@ class Answers:
         try:
             if kind not in KINDS:
                 raise BadInput(f"there is no question {kind[:40]!r}")
-            for part in KINDS[kind](self, request):
+            if kind not in self.kinds:
+                raise BadInput(self.without)
+            for part in getattr(self, kind)(request):
                 yield part if isinstance(part, bytes) else frame({**who, **part})
         except (Exception, RecursionError) as error:
             yield frame({**who, "end": True, "faults": fault_lines(error)})
@@ -94,6 +88,8 @@ class Answers:
 
     def model(self, request: Request) -> Iterator[Head]:
         """What is open: loops, sliders, limits, certificates; of a faulty file its text alone."""
+        from slipctl.workbench.texts import faults_of_text
+
         desk, text = self.desk, self._text(request)
         try:
             study, loops = desk.study(text), desk.loops(text)
@@ -119,12 +115,16 @@ class Answers:
 
     def text(self, request: Request) -> Iterator[Head]:
         """Faults of a text, each with its line."""
+        from slipctl.workbench.texts import faults_of_text
+
         text = self._text(request)
         found = [] if text is None else faults_of_text(self.desk.home, text)
         yield {"end": True, "found": found}
 
     def complete(self, request: Request) -> Iterator[Head]:
         """What may stand on a line."""
+        from slipctl.workbench.texts import completions
+
         text, line = self._text(request), request.get("line")
         if text is None or not isinstance(line, int):
             raise BadInput("a completion needs a text and a line")
@@ -132,6 +132,8 @@ class Answers:
 
     def edit(self, request: Request) -> Iterator[Head]:
         """Text with another value at a key."""
+        from slipctl.workbench.texts import with_value
+
         text, keys, value = self._text(request), request.get("keys"), request.get("value")
         path = tuple(k for k in keys if isinstance(k, str)) if isinstance(keys, list) else ()
         if text is None or not path or not isinstance(value, str):
@@ -180,6 +182,8 @@ class Answers:
 
     def law(self, request: Request) -> Iterator[Head]:
         """The adhesion law of what is open, or one that was typed: equations and curve."""
+        from slipctl.workbench.laws import law_of_desk, law_of_text, law_view
+
         typed = request.get("law")
         if isinstance(typed, str) and typed.strip():
             if len(typed) > 2000:
@@ -191,6 +195,8 @@ class Answers:
 
     def block(self, request: Request) -> Iterator[Head]:
         """A part of the loop: diagram, equations, Jacobian."""
+        from slipctl.workbench.laws import block_view
+
         path = request.get("path", "")
         if not isinstance(path, str):
             raise BadInput("a part is named by a text")
@@ -198,12 +204,26 @@ class Answers:
 
     def verdict(self, request: Request) -> Iterator[Head]:
         """Certificate of the loop with the numbers as they are."""
+        from slipctl.workbench.safety.gain_regions import verdict_of_gains
+
         rig = self._rig(request)
         gains = gains_by_name(rig, str(request.get("name") or ""))
         yield {"end": True, "verdict": verdict_of_gains(rig, gains, self._moved(request, rig))}
 
+    def worst(self, request: Request) -> Iterator[bytes | Head]:
+        """Run of the certificate's equations against their worst disturbance."""
+        from slipctl.workbench.safety.worst_runs import worst_run
+
+        rig = self._rig(request)
+        gains = gains_by_name(rig, str(request.get("name") or ""))
+        curves, lines = worst_run(rig, gains, self._moved(request, rig))
+        who = {"kind": "worst", "id": request.get("id", 0), "loop": gains.name}
+        yield frame({**who, "end": True, "said": lines}, curves)
+
     def region(self, request: Request) -> Iterator[Head | bytes]:
         """Where two gains are certified, refuted or undecided, row by row."""
+        from slipctl.workbench.safety.gain_regions import region_rows
+
         rig = self._rig(request)
         gains = gains_by_name(rig, str(request.get("name") or ""))
         axes = request.get("axes")
@@ -214,6 +234,8 @@ class Answers:
 
     def effects(self, request: Request) -> Iterator[Head]:
         """What each gain of the law, and each number that was moved, does to the metrics."""
+        from slipctl.workbench.effects import difference_rows, exact_slopes
+
         rig = self._rig(request)
         numbers = self._moved(request, rig)
         chosen = [s for s in rig.sliders if s.group == "law" or s.name in numbers][:12]
@@ -229,6 +251,8 @@ class Answers:
 
     def draws(self, request: Request) -> Iterator[Head]:
         """A small ensemble with the numbers as they are, run by run."""
+        from slipctl.workbench.ensembles import ensemble_rows
+
         rig = self._rig(request)
         for row in ensemble_rows(rig, self._moved(request, rig)):
             yield {"ensemble": row}
@@ -236,12 +260,16 @@ class Answers:
 
     def c(self, request: Request) -> Iterator[Head]:
         """The C of the controller."""
+        from slipctl.workbench.c_texts import c_of_rig
+
         rig = self._rig(request)
         target = "cortex-m4" if request.get("target") == "cortex-m4" else "host"
         yield {"end": True, "c": c_of_rig(rig, self._moved(request, rig), target=target)}
 
     def save(self, request: Request) -> Iterator[Head]:
         """Write the file, with the numbers that were moved."""
+        from slipctl.workbench.saved_files import save_desk
+
         rig = self._rig(request)
         name = request.get("name") or ""
         if not isinstance(name, str) or len(name) > 200:
@@ -251,6 +279,8 @@ class Answers:
 
     def command(self, request: Request) -> Iterator[bytes | Head]:
         """Report, search, sweep or replay of what is saved, as the command line does it."""
+        from slipctl.workbench import command_lines
+
         asked = str(request.get("command"))
         if asked == "stop":  # a newer question has ended the older one
             yield {"end": True, "command": asked, "said": "stopped; the same command goes on"}
@@ -260,16 +290,18 @@ class Answers:
         rig = self._rig(request)
         if self._text(request) != self.desk.saved():
             raise BadInput(f"save the text first; {asked} takes the file")
-        words, out = command_words(asked, self.desk, rig, self._moved(request, rig), request)
+        words, out = command_lines.command_words(
+            asked, self.desk, rig, self._moved(request, rig), request
+        )
         said: Head = {}
-        for said in run_command(words):
+        for said in command_lines.run_command(words):
             yield {"command": asked, **said} if "progress" in said else b""
-        if asked in ("tune", "replay") and said["code"]:
-            raise BadInput(said["said"].strip().rpartition("\n")[2] or f"{asked} failed")
         if asked == "replay":
-            who = {"kind": "command", "id": 0, "loop": "replay", "share": 1.0}
-            yield frame(who, replayed_curves(out))
-        gains = found_gains(out, rig.sliders) if asked == "tune" else {}
+            yield from command_lines.told_replay(said, out, self.desk.folder)
+            return
+        if asked == "tune" and said["code"]:
+            raise BadInput(said["said"].strip().rpartition("\n")[2] or f"{asked} failed")
+        gains = command_lines.found_gains(out, rig.sliders) if asked == "tune" else {}
         report = out.relative_to(self.desk.folder) / "report.html"
         yield {"end": True, "command": asked, "said": said["said"], "line": said["command"],
                "gains": gains, "file": str(report)}  # fmt: skip
@@ -285,19 +317,3 @@ def fault_lines(error: BaseException) -> list[str]:
         return [str(known)]
     except BaseException as other:
         return [f"a fault of slipctl, {type(other).__name__}: {str(other).partition(chr(10))[0]}"]
-
-
-KINDS: dict[str, Callable[[Answers, Request], Iterator[Any]]] = {
-    name: getattr(Answers, name)
-    for name in ("text", "complete", "edit", "run", "model", "law", "block", "save",
-                 "verdict", "doubts", "region", "effects", "draws", "c", "command")
-}  # fmt: skip
-"""Questions, the more urgent ones first."""
-
-COMMANDS = ("report", "tune", "sweep", "replay")
-"""What the command line does for the page."""
-
-LANES = dict.fromkeys(("verdict", "doubts", "region", "effects", "draws", "c"), "slow")
-LANES["command"] = "command"
-"""Which process answers a question, the first one where it is not named: a run waits for none of
-them, and none of them for a command that goes on for minutes."""

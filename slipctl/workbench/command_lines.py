@@ -25,7 +25,7 @@ from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.errors import BadInput
 from slipctl.study.case_setup import Setting, open_gain_files
 from slipctl.tables.table import named_columns
-from slipctl.workbench.curves import Curves, Panel, Series
+from slipctl.workbench.curves import Curves, Panel, Series, frame
 from slipctl.workbench.desk import numbers_in_words
 
 if TYPE_CHECKING:
@@ -68,13 +68,9 @@ def command_words(
         words = ["run", desk.home, "--loop", rig.name]
         words += ["--scenario", desk.scenario] if desk.scenario else []
     elif kind == "replay":
-        log = desk.within(_word(request, "log", "the name of a log in the folder"), "")
-        part = _word(request, "part", "a part of the loop, such as ctl")
-        words = ["replay", str(log), "--with", f"{desk.home}:{rig.name}.{part}"]
-        for option, key in (("--map", "columns"), ("--beside", "beside")):
-            given = _texts(request, key)
-            words += [option, *given] if given else []
-        made = []
+        log = desk.within(word(request, "log", "the name of a log in the folder"), "")
+        part = word(request, "part", "a part of the loop, such as ctl")
+        return words_of_replay(log, f"{desk.home}:{rig.name}.{part}", out, request)
     else:
         ranges = _texts(request, "ranges")
         if not ranges and kind == "tune":
@@ -82,11 +78,43 @@ def command_words(
         words = [kind, f"{desk.home}:{rig.name}{where}", "--samples", str(_draws(request))]
         words += [{"tune": "--free", "sweep": "--vary"}[kind], *ranges] if ranges else []
         if kind == "tune":
-            words += ["--minimise", _word(request, "metric", "a metric")]
+            words += ["--minimise", word(request, "metric", "a metric")]
     return [*words, *made, "--out", str(out)], out
 
 
-def _word(request: Mapping[str, Any], key: str, what: str) -> str:
+def words_of_replay(
+    log: Path, part: str, out: Path, request: Mapping[str, Any]
+) -> tuple[list[str], Path]:
+    """Words of a replay, ``STUDY:LOOP.PART`` over a log, and the folder that it writes."""
+    words = ["replay", str(log), "--with", part]
+    for option, key in (("--map", "columns"), ("--beside", "beside")):
+        given = _texts(request, key)
+        words += [option, *given] if given else []
+    return [*words, "--out", str(out)], out
+
+
+def told_replay(
+    said: Mapping[str, Any], out: Path, folder: Path
+) -> Iterator[bytes | dict[str, Any]]:
+    """Curves of a replay that has ended, and what it printed.
+
+    Raises:
+        BadInput: it failed.
+    """
+    if said["code"]:
+        raise BadInput(said["said"].strip().rpartition("\n")[2] or "replay failed")
+    who = {"kind": "command", "id": 0, "loop": "replay", "share": 1.0}
+    yield frame(who, replayed_curves(out))
+    yield {"end": True, "command": "replay", "said": said["said"], "line": said["command"],
+           "gains": {}, "file": str((out / "report.html").relative_to(folder))}  # fmt: skip
+
+
+def word(request: Mapping[str, Any], key: str, what: str) -> str:
+    """A text of a question that is no option of the command line.
+
+    Raises:
+        BadInput: it is none.
+    """
     found = request.get(key)
     if not isinstance(found, str) or not found.strip() or len(found) > 200 or found[0] == "-":
         raise BadInput(f"{key} must be {what}")

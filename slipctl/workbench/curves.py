@@ -6,12 +6,12 @@ import json
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slipctl.block.units.unit_algebra import display_scale
-from slipctl.run.metrics import Run
+if TYPE_CHECKING:
+    from slipctl.run.metrics import Run
 
 COLUMNS = 1500
 """Stretches of time of which the smallest and the largest value are kept: a screen has no more."""
@@ -93,6 +93,8 @@ def _speeds(run: Run) -> Panel | None:
 
 def _pairs(run: Run) -> Iterator[Panel]:
     """What is reached, what is wanted, and what would be best."""
+    from slipctl.block.units.unit_algebra import display_scale
+
     for name, rows in (
         ("slip", (("slip", "slip", "main"), ("best_slip", "best", "best"),
                   ("reference", "wanted", "wanted"))),

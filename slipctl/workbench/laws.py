@@ -155,10 +155,14 @@ def block_view(loop: Block, path: str) -> dict[str, Any]:
     """
     block = part_of(loop, path) if path else loop
     parts = list(show.inner(block).parts)
+    drawn = 0 < len(parts) <= LARGEST
+    found = diagram.boxes_of_svg(block) if drawn else {}
+    boxes = {k: box for k, box in found.items() if k in parts}
     return {
         "path": path, "name": block.name, "doc": block.doc.partition("\n")[0], "kind": block.kind,
         "parts": parts,
-        "diagram": diagram.svg(block) if 0 < len(parts) <= LARGEST else "",
+        "diagram": diagram.svg(block) if drawn else "",
+        "boxes": boxes,
         "equations": [] if parts else equations_of_block(block),
         "text": "" if parts else show.text(block),
         "signals": [

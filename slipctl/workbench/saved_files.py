@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -103,7 +104,7 @@ def save_desk(
     Raises:
         BadInput: a name outside of the folder, a file that is there and is another one, faults.
     """
-    own = desk.home if desk.text is not None else ""
+    own = str(Path(desk.home).resolve()) if desk.text is not None else ""
     path = desk.within(name or own or f"{desk.loop}.toml")
     is_own = bool(own) and path == desk.within(own)
     if path.exists() and not is_own:

@@ -223,6 +223,7 @@ def stiff_step(h=None, *args, **options) -> Block:
     return stiff_wheel() if h is None else sampled(stiff_wheel(), h, *args, **options)
 
 
+@pytest.mark.second
 @given(st.sampled_from([1e-4, 1e-3, 1e-2]), st.floats(5, 40), st.floats(0, 1.1), st.floats(0, 9e3))
 def test_implicit_stages_are_solved(h, v, v_s, torque):
     """On the rising branch of the curve, from 1 to 100 time constants, eight iterations do.

@@ -522,6 +522,7 @@ def test_folder_builds_and_tests_itself(run: Any, tmp_path: Path) -> None:
     assert subprocess.run([make, "test"], cwd=tmp_path, capture_output=True).returncode != 0
 
 
+@pytest.mark.second
 @needs_compiler
 def test_check_notices_a_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     honest = comparison.reference
@@ -537,6 +538,7 @@ def test_check_notices_a_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert json.loads((tmp_path / "report.json").read_text())["passed"] is False
 
 
+@pytest.mark.second
 @needs_compiler
 @pytest.mark.parametrize("what", ["differences", "_own_test"])
 def test_check_fails_by_each_of_its_two_comparisons(

@@ -638,6 +638,7 @@ def test_random_numbers_are_the_same_in_float(tmp_path: Path) -> None:
     assert (k_single == 1.5 * 2.0**23).all()
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("real", REALS)
 def test_cmake_builds_and_tests(real: str, tmp_path: Path) -> None:
     cmake, ctest = shutil.which("cmake"), shutil.which("ctest")
@@ -863,6 +864,7 @@ def test_target_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.second
 def test_sanitizers_and_neighbours_find_what_they_look_for(tmp_path: Path) -> None:
     """A module that reads beyond an array, one that keeps global data, one that shows a name."""
     plan = codegen.Plan(guarded)
@@ -902,6 +904,7 @@ def test_helpers_of_double_are_told_from_those_of_float() -> None:
     assert compilers.in_double([*double, *single]) == double
 
 
+@pytest.mark.second
 def test_an_output_and_a_state_may_share_a_name(tmp_path: Path) -> None:
     """Each of the two has its own limit in the vectors that the shipped test reads."""
 

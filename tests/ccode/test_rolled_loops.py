@@ -105,6 +105,7 @@ def _run(lines: list[str], x: np.ndarray) -> list[float]:
     return y
 
 
+@pytest.mark.second
 def test_a_model_may_call_its_numbers_as_counted_locals_are_called(tmp_path):
     """Burckhardt's law has a0, a1, a2; locals without a name are counted a1, a2, ... too."""
 

@@ -54,6 +54,7 @@ def test_the_first_ticks_are_those_of_the_whole_run(loop, ticks):
     assert len(first["u"]) == min(ticks, TICKS)
 
 
+@pytest.mark.second
 def test_a_folder_that_is_only_written_rolls_what_it_keeps(tmp_path, monkeypatch):
     """The reference in Python is as long as the vectors; with ``check`` it has every tick."""
     monkeypatch.setattr(codegen, "KEPT", 40)

@@ -23,6 +23,7 @@ from bench import speed
 from slipctl.certify import catalogue, certificate, proofs
 from slipctl.certify.boundary import Farthest, farthest
 from slipctl.certify.systems import System, exact_numbers
+from slipctl.design.gain_points import replaced_numbers
 from slipctl.run import store
 from slipctl.study.resolve import find_loop, load_study
 
@@ -46,7 +47,7 @@ def asked(names: tuple[str, ...] = STUDIES) -> Iterator[tuple[str, System, Mappi
 
 def end(own: System, numbers: Mapping[str, float], of: str) -> Farthest:
     """How far a number may go; the certificates of both sides hold."""
-    found = farthest(own, numbers, of)
+    found = farthest(replaced_numbers(own, numbers), of)
     for side in ("certified", "refuted"):
         value = getattr(found, side)
         if value is not None:

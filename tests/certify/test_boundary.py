@@ -11,6 +11,7 @@ from slipctl.certify.catalogue import system
 from slipctl.certify.certificate import check
 from slipctl.certify.systems import exact_numbers
 from slipctl.commands import cli
+from slipctl.design.gain_points import replaced_numbers
 
 
 @pytest.mark.parametrize(
@@ -24,7 +25,7 @@ from slipctl.commands import cli
 )
 def test_the_ends_enclose_the_known_one(name, numbers, of, up, end):
     """Proved on one side of it, refuted on the other, and within 1 % of it."""
-    found = farthest(system(name), numbers, of, up)
+    found = farthest(replaced_numbers(system(name), numbers), of, up)
     verdicts = dict(found.tried)
     assert verdicts[found.certified] == "CERTIFIED"
     if end is None:
@@ -38,7 +39,7 @@ def test_the_ends_enclose_the_known_one(name, numbers, of, up, end):
 
 def test_more_lag_is_never_proved_beyond_a_counterexample():
     numbers = {"g1": 36.0, "g2": 12.0, "T": 1e-3, "D": 2.0, "band": 0.1}
-    found = farthest(system("reaching_law"), numbers, "lag", share=0.1)
+    found = farthest(replaced_numbers(system("reaching_law"), numbers), "lag", share=0.1)
     assert all((v < found.refuted) for v, verdict in found.tried if verdict == "CERTIFIED")
     assert 0.02 < found.certified < found.refuted < 0.06
 
@@ -77,14 +78,14 @@ def test_what_cannot_be_asked_is_one_line(words, said, capsys):
 
 def test_a_number_of_either_sign_has_no_largest():
     with pytest.raises(BadInput, match="may be negative"):
-        farthest(system("perturbation_seek"), {}, "k")
+        farthest(replaced_numbers(system("perturbation_seek"), {}), "k")
 
 
 @pytest.mark.second
 def test_a_slow_lag_is_refuted_by_a_run_that_checks():
     """From rest the loop swings up over many ticks; the run is replayed, each tick enclosed."""
     numbers = {"k1": 20.0, "k2": 10.0, "L": 0.8, "T": 1e-3, "band": 0.005}
-    found = farthest(system("super_twisting"), numbers, "lag", share=0.5)
+    found = farthest(replaced_numbers(system("super_twisting"), numbers), "lag", share=0.5)
     assert 0.0009 < found.certified < found.refuted < 0.2
     told = exact_numbers(system("super_twisting"), {**numbers, "lag": found.refuted})
     assert "REFUTED" in check(proofs.write(system("super_twisting"), told))

@@ -148,6 +148,7 @@ def _walk(n, start, ticks, noise=0.0, seed=0):
     return np.array(out)
 
 
+@pytest.mark.second
 def test_reach_and_rest_are_those_of_runs():
     """The proven rest is that of the orbit to 0.1 %, the reach at most a tenth above a run's."""
     loop = dither.Loop(20 * 0.18544 * 0.1 / 12.566, 0.7 / 12.566, 0.9 / 12.566, 0.012566, 0.0)
@@ -181,6 +182,7 @@ def _late_walk(n, start, ticks, outward=0.0):
     return np.array(out)
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("start", [0.1, -0.1])
 def test_what_is_heard_late_counts(start):
     """Dead time and lag, together with noise: what is proved is not left by a run of the test's."""
@@ -201,6 +203,7 @@ def test_a_seeker_that_hears_half_a_period_late_is_refuted():
     assert "a dead time" in certify("perturbation_seek", **DITHER).decision.promise.not_promised
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("heard", [{}, {"dead_time": 0.01}, {"lag": 0.02}])
 def test_rest_with_noise_lies_between_a_run_and_its_bound(heard):
     """The bound for which it is CERTIFIED, and what the noise of the counterexample comes to."""

@@ -12,6 +12,9 @@ import pytest
 from slipctl import BadInput
 from slipctl.certify import binomial, boundary, certificate, safe_json, twisting_report
 from slipctl.certify.catalogue import SYSTEMS
+from slipctl.design.gain_points import replaced_numbers
+
+OBSERVER = replaced_numbers(SYSTEMS["load_observer"], {})
 
 FILES = {
     "deep": (b'{"a":' * 21 + b"1" + b"}" * 21, "nested more than 20 deep; a certificate has fewer"),
@@ -64,8 +67,8 @@ BAD = {
     "close": (
         lambda: twisting_report.exact_gains(1, 1 + Fraction(1, 10**20), 1), "move them apart"),
     "sign": (
-        lambda: boundary.farthest(SYSTEMS["load_observer"], {}, "L2"), "L2 may be negative; ask"),
-    "name": (lambda: boundary.farthest(SYSTEMS["load_observer"], {}, "L3"), "has no 'L3'"),
+        lambda: boundary.farthest(OBSERVER, "L2"), "L2 may be negative; ask"),
+    "name": (lambda: boundary.farthest(OBSERVER, "L3"), "has no 'L3'"),
     "format": (
         lambda: certificate.check({"kind": certificate.KIND, "format": 99}), "has format 99"),
     "kind": (lambda: certificate.check({"kind": "x"}), "it is no certificate; slipctl certify"),

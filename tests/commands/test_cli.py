@@ -80,6 +80,7 @@ def test_run_writes_everything(toy_run: Path) -> None:
     ])  # fmt: skip
 
 
+@pytest.mark.second
 def test_run_prints_claims_and_metrics_and_ends_with_0(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", TOY, "--quick", "--full"]) == 0
     said = capsys.readouterr()
@@ -119,6 +120,7 @@ def test_no_compile_gives_the_same_numbers(toy_run: Path) -> None:
     assert store.read_json(Path("out/toy/metrics.json"))["scenarios"] == a
 
 
+@pytest.mark.second
 def test_set_and_swap_take_several_or_are_repeated(capsys: pytest.CaptureFixture[str]) -> None:
     Path("my.py").write_text(
         "from slipctl import Input, Output, Param, law\n"

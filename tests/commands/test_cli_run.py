@@ -118,6 +118,7 @@ def test_full_goes_on_where_it_was_stopped(monkeypatch: pytest.MonkeyPatch) -> N
     assert {p: p.stat().st_mtime_ns for p in logs} == logs
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("done", [1, 4])
 def test_full_that_was_stopped_ends_in_the_same_files(
     monkeypatch: pytest.MonkeyPatch, done: int

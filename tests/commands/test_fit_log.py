@@ -134,6 +134,7 @@ def test_two_columns_that_could_be_meant_are_asked_about(capsys):
     assert "which column was measured? write --map v=COLUMN (of v or a)" in said(capsys, line, 2)[1]
 
 
+@pytest.mark.second
 def test_only_a_part_of_a_log_and_several_logs(capsys):
     """Brakes before and after, cut away; a second log has a start of its own."""
     coast()

@@ -17,6 +17,7 @@ from slipctl.certify.proofs import decide
 from slipctl.commands.certificates.certify import loop_verdict
 from slipctl.commands.cli import main
 from slipctl.design import maps
+from slipctl.design.gain_points import replaced_numbers
 from slipctl.draw import regions
 from slipctl.study.jobs import Cores
 
@@ -26,8 +27,8 @@ GIVEN = {"k1": 3.0, "k2": 2.0, "L": 1.0}
 
 def drawn(axes: str = "k1=0.5:8,k2=0.5:8", points: int = 9, jobs: int = 1) -> maps.Map:
     with Cores(jobs) as cores:
-        return maps.drawn_map(SYSTEM, GIVEN, maps.read_axes(axes, SYSTEM, GIVEN), "a law", points,
-                              cores)  # fmt: skip
+        at = replaced_numbers(SYSTEM, GIVEN)
+        return maps.drawn_map(at, maps.read_axes(axes, SYSTEM, GIVEN), "a law", points, cores)
 
 
 def test_regions_are_those_of_the_theory() -> None:
@@ -110,6 +111,27 @@ def test_a_loop_answers_without_a_typed_number(
     line = ["certify", "subway_braking:smc", "--map", "g1,g2", "--points", "2"]
     assert main([*line, "--out", str(tmp_path)]) == 0
     assert "the design point is REFUTED" in capsys.readouterr().out
+
+
+def test_a_point_of_a_map_is_what_certify_says_of_the_loop_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where a bound depends on a gain, it is the bound at the point: one loop, one verdict."""
+    axes = "k1=20:80,k2=2:20"
+    line = ["certify", "subway_braking:sta", "--map", axes, "--points", "2"]
+    assert main([*line, "--out", str(tmp_path)]) == 0
+    capsys.readouterr()
+    found = json.loads((tmp_path / "map.json").read_text())
+    bounds = set()
+    for k2, row in zip(found["axes"]["k2"]["values"], found["verdicts"], strict=True):
+        for k1, verdict in zip(found["axes"]["k1"]["values"], row, strict=True):
+            gains = [f"ctl.law.k1={k1!r}m^.5/s^1.5", f"ctl.law.k2={k2!r}m/s^3"]
+            assert main(["certify", "subway_braking:sta", "--set", *gains, "--json"]) == 0
+            said = json.loads(capsys.readouterr().out)
+            assert said["gains"]["sta"]["verdict"] == verdict
+            bounds.add(said["gains"]["sta"]["gains"]["L"]["value"])
+    assert len(bounds) > 1
+    assert found["verdicts"][0] == ["CERTIFIED", "REFUTED"]  # the bound of k1 = 20 would prove both
 
 
 @pytest.mark.parametrize(("name", "said"), [

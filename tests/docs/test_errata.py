@@ -658,6 +658,7 @@ def layered(
     return dict(T_wanted=T_eq + (J / R) * (-36 * s - 12 * ca.fmax(-1, ca.fmin(1, s / phi))), s=s)
 
 
+@pytest.mark.second
 def test_at_16_ms_everything_chatters():
     T = 16e-3
     for one, text in (

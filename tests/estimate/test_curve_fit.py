@@ -99,6 +99,7 @@ def test_deviations_are_those_of_linear_regression():
     assert found.rms == pytest.approx(math.sqrt(s2 * 28 / 30), rel=1e-9)
 
 
+@pytest.mark.second
 def test_confidence_holds_the_truth_as_often_as_it_says():
     rng = np.random.default_rng(11)
     at = np.geomspace(1e-4, 3.0, 40)  # so far out that A and B are told apart

@@ -50,6 +50,7 @@ def test_coasting_finds_the_numbers_of_its_closed_form():
     assert found.starts[0] == pytest.approx(25.0, abs=1e-9)
 
 
+@pytest.mark.second
 def test_deviations_are_those_that_noise_brings():
     """Errors of 8 logs, each by its own deviation, have a mean square near 1 (chi^2 of 16)."""
     t = np.arange(0, 250, 2.0)

@@ -91,11 +91,22 @@ def test_a_signal_that_means_nothing_is_refused(declared):
         lambda: sc.connect("l", {"": "a.y"}, a=tick),
         lambda: sc.connect("l", {"a.u": "a b"}, a=tick),
         lambda: sc.simulate(tick, sc.Scenario("long", 1e12, inputs={"u": 1.0})),
+        lambda: sc.interpolated((1.0, 2.0), [[1, 2], [3]], np.array([1.0, 2.0])),
+        lambda: sc.interpolated(1.0, np.array(1.0), [1]),
+        lambda: sc.Block("b", "law", lambda x, u, p: ({}, {}), np.ma.masked),
+        lambda: hump.jacobian("mu", np.array(1.0)),
+        lambda: sc.c_module(tick, 256 * "x", period=0.01),
     ],
 )  # fmt: skip
 def test_numbers_that_mean_nothing_are_refused(call):
     with pytest.raises(BadInput):
         call()
+
+
+def test_a_period_of_another_float_type_is_a_period(tmp_path):
+    """A report of one is JSON."""
+    made = sc.c_module(hump, tmp_path / "c", period=np.float32(1.5))
+    assert made is not None
 
 
 def test_a_door_keeps_what_it_guards():

@@ -359,7 +359,7 @@ def ended(
     except BadInput as error:
         lines = list(getattr(error, "lines", [str(error)]))
         bad = [line for line in lines if "\n" in line or not line.strip()]
-        unplaced = [k for k in lines if "drawn.toml" not in k and not k.startswith("controllers.")]
+        unplaced = [k for k in lines if "drawn.toml" not in k]
         return ("wrong", bad) if bad else ("unplaced" if unplaced else "refused", lines)
     except Exception as error:
         return "wrong", [f"{type(error).__name__}: {error}"]

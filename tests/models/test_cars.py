@@ -207,6 +207,7 @@ def test_cast_iron_brakes_harder_as_the_train_slows():
     assert T_b[k[2]] / T[k[2]] > 1.5 * T_b[k[0]] / T[k[0]]
 
 
+@pytest.mark.second
 def test_hot_pads_fade_and_their_heat_is_that_of_the_brake():
     """C theta is the energy that the brake has taken, where nothing cools."""
     pads = Pads(material="cosid", heat_capacity=1e4, fade=1e-3, fade_from=20.0)

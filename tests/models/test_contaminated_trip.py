@@ -137,6 +137,7 @@ def test_what_the_rail_carries_follows_the_train(tmp_path):
         assert own == pytest.approx(max(curve), rel=2e-3)
 
 
+@pytest.mark.second
 def test_a_run_has_the_same_bits_compiled_and_not(tmp_path):
     trip = read(tmp_path, FILE.replace('"70 s"', '"4 s"'))
     ways = [
@@ -343,6 +344,7 @@ def test_sand_that_falls_behind_its_wheel_is_refused(tmp_path, old, new, words):
     assert "rail.contamination.sand" in str(refused.value)
 
 
+@pytest.mark.second
 @pytest.mark.parametrize(("peak", "tau", "axles"), [(0.2, "0 m/J", "1234"), (0.03, "0 m/J", ""),
                                                     (0.03, "3e-4 m/J", "34")])  # fmt: skip
 def test_a_brake_that_is_held_back_is_told_where_the_layer_carries_the_demand(

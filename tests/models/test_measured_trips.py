@@ -38,6 +38,7 @@ TRIP = Trip(
 )  # fmt: skip
 
 
+@pytest.mark.long
 def test_a_stop_in_leaves_is_told_beside_the_same_on_clean_rail():
     """Air of a stop without release is the volume times the gauge pressure over the atmosphere."""
     asked = study(TRIP)
@@ -60,6 +61,7 @@ def test_a_stop_in_leaves_is_told_beside_the_same_on_clean_rail():
     assert here["wsp"]["air_used"].value > 1.2 * clean["wsp"]["air_used"].value
 
 
+@pytest.mark.second
 def test_the_clean_rail_takes_nothing_from_the_wheels():
     """Without its layer a trip ends where one with a layer as good as clean does."""
     asked = study(TRIP)
@@ -93,6 +95,7 @@ def test_a_limit_of_what_no_run_tells_is_refused(limits, says):
         replace(TRIP, **plain, limits=Limits(**limits))
 
 
+@pytest.mark.second
 def test_a_limit_beside_clean_rail_is_judged_where_there_is_one():
     from slipctl.study.report.texts import values_beyond_limit
 

@@ -268,6 +268,7 @@ def test_linearly_implicit_steps_do_chatter():
 # ---- speed ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.second
 def test_numpy_peer_does_the_same(needs_compiler):
     """What the benchmark times is the same work: speeds of 0.3 s agree to rounding."""
     from bench.peers import train_loop

@@ -96,6 +96,7 @@ def run(part, **changes):
                     log=["plant.train.x", "plant.T", "slip.y"])  # fmt: skip
 
 
+@pytest.mark.long
 def test_the_machine_of_industry_as_ones_own_runs_to_the_bit(files):
     own, told = run(OwnLaw(block=f"{files}/mine.py:machine")), run(SlideProtection())
     for name in ("plant.train.x", "plant.T", "slip.y"):
@@ -103,6 +104,7 @@ def test_the_machine_of_industry_as_ones_own_runs_to_the_bit(files):
     assert own["plant.T"].values.min() < 0.5 * own["plant.T"].values.max()  # it has vented
 
 
+@pytest.mark.long
 def test_bits_of_python_and_of_text_are_the_same_and_keep_wheels_from_locking(files):
     python = run(OwnLaw(block=f"{files}/mine.py:bang"))
     text = run(OwnLaw(block=f"{files}/mine.toml:bang"))
@@ -113,6 +115,7 @@ def test_bits_of_python_and_of_text_are_the_same_and_keep_wheels_from_locking(fi
     assert wide["slip.y"].values.max() > python["slip.y"].values.max()
 
 
+@pytest.mark.second
 def test_a_block_that_breaks_gives_the_demand(files):
     """A state beyond its range, or no number: as if there were no slide protection."""
     broken, alone = run(OwnLaw(block=f"{files}/mine.py:breaks")), run(DemandAlone())
@@ -121,6 +124,7 @@ def test_a_block_that_breaks_gives_the_demand(files):
     assert whole_state(state_by=np.nan)["state"] == 0
 
 
+@pytest.mark.second
 def test_its_c_is_made_and_compiled(files, tmp_path):
     made = replace(TRIP, controllers={"own": OwnLaw(block=f"{files}/mine.py:bang")})
     asked = study(made)

@@ -175,6 +175,7 @@ def run(made, name="pid"):
     return simulate(loop, found.scenario, compile=False, log=kept)
 
 
+@pytest.mark.second
 def test_a_law_acts_by_valves_and_the_bits_explain_the_torque():
     log = run(trip(actuator=replace(BRAKE, reservoir=0.2)))
     T, top = log["plant.T"].values, log["demand.T_demand"].values
@@ -206,6 +207,7 @@ def test_a_stuck_valve_is_told_within_a_second():
     assert (np.abs(stuck["expected"] - 7e3) > 2e3)[60:].all()
 
 
+@pytest.mark.second
 def test_the_pressure_follows_the_weighed_mass_and_the_reaction_waits():
     right = run(trip(duration=2.5), "none")["plant.pressure"].values[-1, 0]
     light = run(trip(duration=2.5, actuator=replace(BRAKE, weighed=24e3)), "none")
@@ -234,7 +236,7 @@ def test_an_air_brake_drives_nothing_and_a_period_is_whole_ticks():
         SlipControl(period=0.0025)
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_a_period_of_ten_ticks_stops_where_one_tick_does():
     def place(period, act):
         made = trip(duration=8.0, control=SlipControl(period=period), actuator=act,

@@ -64,7 +64,11 @@ def made(law, mode, axles, demand, reference):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("choice", TAKEN, ids=lambda c: "-".join(map(str, c.values())))
+@pytest.mark.parametrize(
+    "choice",
+    [pytest.param(c, marks=[pytest.mark.second] if c["axles"] > 4 else []) for c in TAKEN],
+    ids=lambda c: "-".join(map(str, c.values())),
+)
 def test_every_law_runs_on_every_vehicle(choice):
     found = case(made(**choice))
     log = simulate(found.loops["law"], found.scenario, compile=False)

@@ -74,7 +74,7 @@ def poor(mu=0.05, **changes):
     return train(4, rail=rail, **changes)
 
 
-@pytest.mark.second
+@pytest.mark.long
 @pytest.mark.parametrize(("axles", "cleaning", "way"), [(4, 3.4e-5, 851), (4, 1e-4, 830)])
 def test_it_stops_where_the_machine_of_the_specification_does(axles, cleaning, way):
     """8 and 16 axles, weak and medium: 847, 830, 820, 775 m for 834, 811, 797, 753 m."""
@@ -201,7 +201,7 @@ def stuck_valves(
     )
 
 
-@pytest.mark.second
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("law", "begin", "bits", "demand", "due"),
     [("wsp", 0.0, (1, 0), (1.0, 1.0), 0.0), ("pi", 0.0, (1, 0), (1.0, 1.0), 0.0),

@@ -66,6 +66,7 @@ def test_its_friction_falls_with_the_speed():
     assert log["time"].values[k] == pytest.approx(took, rel=2e-3)
 
 
+@pytest.mark.second
 def test_its_energy_is_in_the_books_and_wheel_brakes_add():
     log = run(trip(force=3e4, end="standstill"))
     assert np.abs(energy_error(log)).max() < 1e-9

@@ -115,6 +115,7 @@ SAVED = {(4, 3.4e-5): 0.4, (4, 1.8e-4): 16, (8, 3.4e-5): 4, (8, 1e-4): 21, (8, 1
 """Percent by which the optimum is shorter than greedy, by axles and cleaning: practice_cases."""
 
 
+@pytest.mark.second
 @pytest.mark.parametrize(("axles", "tau"), SAVED)
 def test_how_much_shorter_than_each_axle_at_its_peak(axles, tau):
     t = train(places(axles // 4), tau)
@@ -185,6 +186,7 @@ def test_energy_of_the_train_is_what_forces_take(tau, e, gradient):
     assert run.W[2:, 1] == pytest.approx(first[:-2], rel=1e-12)
 
 
+@pytest.mark.second
 def test_a_limit_of_the_contact_holds():
     t = train(places(2), 1e-4, t_gamma=600.0)
     run = stop(t, Rule(t, False, 26.0), 25.0, 2.0)

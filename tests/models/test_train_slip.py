@@ -150,7 +150,7 @@ def estimated(bias):
     }  # fmt: skip
 
 
-@pytest.mark.second
+@pytest.mark.long
 @pytest.mark.parametrize(("axles", "tau", "best"), [
     (8, 3.4e-5, 748.6), (8, 1e-4, 594.0),
 ])  # fmt: skip
@@ -168,7 +168,7 @@ def test_behind_valves_little_of_the_way_to_the_optimum_is_left(axles, tau, best
         assert left(train(axles, tau, controllers=law(), **estimated(bias))) < 0.4
 
 
-@pytest.mark.second
+@pytest.mark.long
 @pytest.mark.parametrize(("axles", "floor"), [(3, 0.4), (4, 0.4)])
 def test_few_axles_never_stop_much_later_than_at_their_own_peaks(axles, floor):
     """tau = 0 believed is each axle's own peak, with the same estimate and valves."""

@@ -143,6 +143,7 @@ def test_each_law_is_asked_as_its_system(tmp_path, capsys):
     assert "gains of predictive to certify: what it does" in capsys.readouterr().err
 
 
+@pytest.mark.second
 def test_the_certificate_of_a_loop_is_written_and_checked(tmp_path, capsys):
     path, file = written(tmp_path, ensemble=""), str(tmp_path / "c.json")
     assert cli.main(["certify", f"{path}:sta_prompt", "--out", file]) == 0

@@ -148,6 +148,7 @@ def test_it_comes_down_to_ipopts_optimum_quadratically():
     assert abs(make(iterations=20)(v=0.0, w=2.0)[1]["F"] - best) > 1
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("options", [{}, {"split": True}, {"damping": 0.01, "grow": 1.1}], ids=str)
 def test_it_ends_where_gauss_newton_ends(options):
     """A soft limit that is exceeded, a lag, a rail: the same optimum by another way."""

@@ -28,6 +28,7 @@ def drawn(rng: np.random.Generator, size: int) -> ca.Function:
     return ca.Function("drawn", [x, p, y], [ca.vertcat(*pool[-6:]), pool[-8] * 3])
 
 
+@pytest.mark.second
 def test_grouped_functions_give_the_same_numbers():
     for _ in range(60):
         f = drawn(RNG, 40)

@@ -1,5 +1,7 @@
 """A window whose limits contradict its samples, its equations or each other ends, and says so."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import scipy.optimize
@@ -11,6 +13,12 @@ STILL = dict.fromkeys(DRIFT, 0.0)
 """No noise: a motion is told by where it begins."""
 
 
+@cache
+def limited(samples):
+    """Estimator whose d is limited; made once for all that it is asked."""
+    return make(samples=samples, limits={"d": (1.0, 2.0)})
+
+
 @pytest.mark.parametrize("far", [10, 50, 300])
 @pytest.mark.parametrize("seed", range(6))
 def test_samples_far_from_what_limits_allow_are_no_reason_not_to_settle(seed, far):
@@ -19,12 +27,12 @@ def test_samples_far_from_what_limits_allow_are_no_reason_not_to_settle(seed, fa
     1e-4: a limit that hardly presses is found to the root of what is left of the conditions.
     """
     samples, forces = data(12, seed)
-    found = run(make(samples=12, limits={"d": (1.0, 2.0)}), far * samples, forces)
+    found = run(limited(12), far * samples, forces)
     assert not found["status"].any()
     last, squares = at_once(far * samples, forces, np.ones(12), 1.0, 2.0)
     assert [found[n][-1] for n in "xvd"] == pytest.approx(last, abs=1e-5 * far)
     assert found["misfit"][-1] * 12 == pytest.approx(squares, rel=1e-6)
-    moving = run(make(samples=5, limits={"d": (1.0, 2.0)}), far * samples, forces)
+    moving = run(limited(5), far * samples, forces)
     assert not moving["status"].any()
 
 

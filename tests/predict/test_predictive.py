@@ -65,10 +65,17 @@ def test_ipopt_gives_the_converged_reference():
     assert total == pytest.approx(843.85, abs=0.01)
 
 
+QP_BLOCKS: dict = {}
+"""Controllers of one_qp by solver and options; each is made once for all seeds."""
+
+
 def one_qp(options, seed, solver):
     """Control after one iteration from a random plan, and the plan."""
     rng = np.random.default_rng(seed)
-    block = make(horizon=8, passes=60, solver=solver, **options)
+    key = (solver, repr(options))
+    if key not in QP_BLOCKS:
+        QP_BLOCKS[key] = make(horizon=8, passes=60, solver=solver, **options)
+    block = QP_BLOCKS[key]
     x = block.start()
     n = block.states["X"].size // 9
     near = np.tile([10.0, 10.15, 1.0, 0.0], (9, 1)) + rng.normal(0, [0.3, 0.3, 0.5, 0.01], (9, n))
@@ -158,6 +165,7 @@ def test_a_bound_that_the_rate_does_not_lead_back_to_is_given_up_and_told():
     assert list(statuses) == [0, 0, 0, 0, 3, 3, 0, 0, 0, 0]
 
 
+@pytest.mark.second
 def test_a_hard_limit_is_kept_where_a_control_can_and_given_up_by_the_least_where_none_can():
     """A mass drives to a wall; against a wall that has come too near it brakes with all it has."""
 
@@ -238,6 +246,7 @@ def test_a_solver_that_calls_compiled_c_gives_the_bits_of_the_interpreted(solver
     assert (quick(*given) == slow(*given)).all()
 
 
+@pytest.mark.second
 def test_rates_and_soft_limits_per_axle_are_ipopts():
     """Two axles that lose their rail one after the other; 1e-5: IPOPT's end, 1e-8 of its slopes."""
     axles = ("a0", "a1")

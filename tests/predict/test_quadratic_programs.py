@@ -123,6 +123,7 @@ def cost(matrices, numbers, plan):
     return float(z @ H @ z / 2 + g.ravel() @ z)
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("square", [False, True], ids=["linear", "both"])
 @pytest.mark.parametrize("cap", [3.0, 1e3], ids=["soft", "hard"])
 def test_hard_and_linear_limits_cost_no_more_than_with_osqp(cap, square):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,12 @@ from slipctl.run.logs.recorded_log import read_recording
 from slipctl.run.logs.replay import replay
 
 BLOCK = from_text("y = 2*x where x [m]")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _nothing_else_to_collect() -> None:
+    """What a damaged file leaves is collected at once, and with it all that the suite has made."""
+    gc.freeze()
 
 
 def parquet(path: Path, columns: dict[str, Any], units: dict[str, str] | None = None) -> Path:

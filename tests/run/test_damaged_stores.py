@@ -171,6 +171,7 @@ def test_a_worker_that_outlives_its_parent_keeps_nobody_out(tmp_path):
         os.waitpid(child, 0)
 
 
+@pytest.mark.second
 def test_a_run_is_refused_while_another_writes_its_folder(tmp_path, capsys):
     with FolderLock(tmp_path):
         assert main(["-q", "run", str(TOY), "--quick", "--out", str(tmp_path)]) == 2

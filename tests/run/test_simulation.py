@@ -410,6 +410,7 @@ def test_a_second_run_does_not_compile(tmp_path, monkeypatch, needs_compiler):
     assert same(first, simulate(closed_loop(), three_rails(0.3)))
 
 
+@pytest.mark.second
 def test_a_library_of_another_loop_or_a_damaged_one_is_not_loaded(
     tmp_path, monkeypatch, caplog, needs_compiler
 ):

@@ -79,6 +79,7 @@ def test_designs_fill_the_range() -> None:
             assert sorted(np.floor(64 * column)) == list(range(64))
 
 
+@pytest.mark.second
 def test_runs_are_single_runs(tmp_path: Path) -> None:
     """Metrics of each run have the bits of those of the loop with its numbers, simulated alone."""
     loop, scenario = world()
@@ -94,6 +95,7 @@ def test_runs_are_single_runs(tmp_path: Path) -> None:
         assert {n: (m.unit, m.rows) for n, m in own.items()} == dict(found.units)
 
 
+@pytest.mark.second
 def test_resumed_and_extended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same again does nothing, more samples do the new ones only, on any number of threads."""
     begun: list[int] = []
@@ -222,6 +224,7 @@ def test_labelled(tmp_path: Path) -> None:
         xarray.testing.assert_equal(again.load(), data)
 
 
+@pytest.mark.second
 def test_logs_on_demand(tmp_path: Path) -> None:
     """Signals that are asked for are kept over time, bit for bit, and belong to the sweep."""
     loop, scenario = world()

@@ -41,6 +41,7 @@ def test_means_are_over_whole_periods():
     assert found.ours == pytest.approx(np.mean(whole), abs=0.01)  # the ripple is 0.9 kN m
 
 
+@pytest.mark.second
 def test_the_printed_law_is_judged_to_the_letter():
     """Item 15: the printed loop never leaves its barrier; the one put right does."""
     assert verdict("holds_transient").verdict == "reproduced"

@@ -130,6 +130,7 @@ def escapes() -> dict:
     return barrier.escape(context())
 
 
+@pytest.mark.second
 def test_escape_is_where_the_bound_says():
     """The barrier is left at the predicted time, to 1 % and a tick; below the bound never."""
     table = escapes()["escape"]

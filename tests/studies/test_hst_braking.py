@@ -77,6 +77,7 @@ def test_no_loop_beats_the_bound(scenario):
 # ---- filter --------------------------------------------------------------------------------------
 
 
+@pytest.mark.second
 def test_adhesion_force_within_221_newton_20_ms_after_each_change():
     run = log("base", "eppfc")
     off = np.abs(run["ctl.filter.F_a"].values - run["plant.wheel.F_a"].values)
@@ -128,6 +129,7 @@ def test_bound_forbids_50_ms_without_a_prior():
     assert half == pytest.approx(experiments.knowledge(burckhardt, lam[:251], snow, 1e-3) / 2)
 
 
+@pytest.mark.second
 @pytest.mark.parametrize(
     ("scenario", "name", "price"),
     [("base", "eppfc", 0.02), ("base", "eppfc_gradient", 0.02), ("real", "eppfc", 0.1)],
@@ -252,6 +254,7 @@ def test_overshoot_is_that_of_the_torque():
     assert verdict("no_overshoot_slip", r)[0] == "reproduced"
 
 
+@pytest.mark.second
 def test_order_of_the_variances_turns_with_the_window_and_says_so():
     r = results()
     assert verdict("variance_order_joint", r)[0] == "not reproduced"

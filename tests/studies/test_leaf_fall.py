@@ -36,6 +36,7 @@ def bound():
     return experiments.bound(QUICK)
 
 
+@pytest.mark.second
 def test_the_brakes_are_full_before_the_leaves_and_the_train_is_slower_there():
     begin = begin_of(8)
     assert 20 < begin.place < PATCH[0]
@@ -43,6 +44,7 @@ def test_the_brakes_are_full_before_the_leaves_and_the_train_is_slower_there():
     assert 25**2 / 2 - full < begin.speed**2 / 2 < 25**2 / 2 - 0.3 * full
 
 
+@pytest.mark.second
 def test_without_leaves_the_bound_is_the_closed_form():
     """dz/dx = -(a + 2 d z) with z = v^2/2, so x = ln(1 + 2 d z_0/a)/(2 d)."""
     clean = trip()

@@ -60,6 +60,7 @@ def test_each_row_of_the_printed_gains_has_one_of_the_chosen_gains():
             assert BY_ID[f"{id}_chosen"].source == claim.source
 
 
+@pytest.mark.second
 def test_the_papers_own_least_squares_never_finds_the_optimum():
     r = results()
     assert verdict("optimum_within_400ms", r)[0] == "not reproduced"
@@ -125,6 +126,7 @@ def test_no_reason_has_a_number_of_a_run_typed_in():
 TURNS = {"fifth less": 0.8, "fifth more": 1.2}
 
 
+@pytest.mark.second
 @pytest.mark.parametrize("words", TURNS)
 def test_rows_that_turn_with_the_limit_of_the_torque_say_so(words):
     """A row of base turns with a brake that is a fifth weaker or stronger if it says so."""

@@ -90,6 +90,21 @@ def test_files_that_a_file_names_lie_beside_it(tmp_path, monkeypatch):
     assert trip_files.load_trip(str(path)).controllers["own"].block == "own.toml:pull"
 
 
+def test_a_loop_that_cannot_be_made_names_the_line_of_its_controller(tmp_path, monkeypatch):
+    """What only the whole loop refuses: a tick that all blocks share, off the range of a law."""
+    monkeypatch.chdir(tmp_path)
+    ranged = 'T = { value = "9 ms", range = ["5 ms", "20 ms"] }, J ='
+    own = OWN.replace("K*v_s*J/r", "K*v_s*J/r*T/T").replace("J =", ranged)
+    Path("own.toml").write_text(own, encoding="utf-8")
+    text = METRO + '[controllers.own]\nkind = "file"\nblock = "own.toml:pull"\n'
+    Path("car.toml").write_text(text, encoding="utf-8")
+    line = text.splitlines().index("[controllers.own]") + 1
+    study = resolve.load_study("car.toml")
+    resolve.find_loop(study, "none")
+    with pytest.raises(BadInput, match=rf"^car.toml, line {line}: controllers.own: .*T = 0.001 s"):
+        resolve.find_loop(study, "own")
+
+
 def test_a_file_declares_its_ensemble(tmp_path):
     table = '[ensemble]\nseeds = true\ndraw = { m = "36t:42t" }\n'
     path = tmp_path / "my.toml"

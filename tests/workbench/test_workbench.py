@@ -15,11 +15,16 @@ from hypothesis import strategies as st
 from workbench_frames import answered
 
 from slipctl import BadInput, registry, simulate
+from slipctl.certify import super_twisting as sta
+from slipctl.commands.cli import main
 from slipctl.study import resolve
-from slipctl.workbench import curves, gain_regions, laws, saved_files, sliders, texts
-from slipctl.workbench.answers import KINDS, Answers
+from slipctl.workbench import curves, laws, saved_files, sliders, texts
+from slipctl.workbench.answers import Answers
 from slipctl.workbench.command_lines import command_words, replayed_curves, run_command
 from slipctl.workbench.desk import Desk, command_of
+from slipctl.workbench.questions import KINDS
+from slipctl.workbench.safety import certificates, gain_regions, worst_runs
+from slipctl.workbench.sources import openings
 
 METRO = registry.folder("models") / "vehicle" / "files" / "metro.toml"
 TEXT = METRO.read_text(encoding="utf-8")
@@ -209,9 +214,9 @@ def test_python_is_loaded_only_where_it_was_named(metro, monkeypatch):
 
 
 def test_each_point_of_a_region_is_the_certificate_of_its_loop(subway):
-    """Also where a bound depends on the gains: the map of certify keeps those of one point."""
+    """Also where a bound depends on the gains."""
     rig = subway.rig()
-    gains = gain_regions.gains_by_name(rig)
+    gains = certificates.gains_by_name(rig)
     axes, *rows = [r for r in gain_regions.region_rows(rig, gains, {}, points=3) if r]
     assert axes["movable"] == {"k1": "ctl.law.k1", "k2": "ctl.law.k2"}
     seen = set()
@@ -223,11 +228,46 @@ def test_each_point_of_a_region_is_the_certificate_of_its_loop(subway):
     assert len(seen) > 1
 
 
+def test_the_worst_disturbance_is_the_largest_allowed_and_turns_with_the_error():
+    """d = +-L throughout, outward while |x1| grows: the largest work that |d| <= L can do."""
+    desk = Desk("hst_traction:composite", compile=False)
+    rig = next(
+        r for n, c in desk.loops() if (r := desk.rig(loop=n, scenario=c)).gains
+        and any(g.name == "observer" for g in r.gains)
+    )  # fmt: skip
+    gains = certificates.gains_by_name(rig, "observer")
+    found, lines = worst_runs.worst_run(rig, gains, {})
+    rows = {p.name: p.series[0].values for p in found.panels}
+    bound = gain_regions.points_of_gains(rig, gains, {}).here["L"]
+    x1, d = rows["x1"], rows["disturbance"]
+    assert np.abs(d) == pytest.approx(bound)
+    grows = np.diff(np.abs(x1)) > 0
+    inside = (x1[:-1] * x1[1:] > 0) & (d[:-1] == d[1:])
+    assert inside.sum() > 20
+    assert (np.sign(d[1:]) == np.where(grows, 1, -1) * np.sign(x1[1:]))[inside].all()
+    assert "disturbance: d = L sgn x1" in lines[0]
+
+
+def test_a_worst_run_of_the_page_is_that_of_the_certificate(subway):
+    """Explicit super-twisting ends in an orbit of two ticks; its swing has a closed form."""
+    head, columns = answered(Answers(subway), kind="worst")[-1]
+    swing = sta.explicit_amplitude(20.0, 10.0, 1e-3)
+    assert np.abs(columns[1]) == pytest.approx(swing, rel=1e-6)
+    assert (columns[1][1:] * columns[1][:-1] < 0).all()
+    assert head["end"]
+    assert [p["unit"] for p in head["panels"]] == ["m/s"]
+
+
+def test_a_certificate_without_a_worst_run_says_so(metro):
+    found = answered(Answers(metro), kind="worst", loop="pid")[-1][0]
+    assert "no worst run" in found["faults"][0]
+
+
 def test_a_loop_without_certificate_says_why(metro):
     rig = metro.rig(loop="predictive")
-    assert "solution of a program" in gain_regions.certificates_of_rig(rig)["why"]
+    assert "solution of a program" in certificates.certificates_of_rig(rig)["why"]
     with pytest.raises(BadInput, match="solution of a program"):
-        gain_regions.gains_by_name(rig)
+        certificates.gains_by_name(rig)
 
 
 # ---- the text -----------------------------------------------------------------------------------
@@ -428,3 +468,84 @@ def test_a_command_that_is_stopped_keeps_what_it_has(metro):
             break
     going.close()
     assert list((metro.folder / "out" / "s").glob("*.sqlite"))
+
+
+# ---- what else can be open ----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    """A sweep of a study's loop over a gain, two runs."""
+    folder = tmp_path_factory.mktemp("swept") / "sweep"
+    words = ["-q", "sweep", "subway_braking:sta", "--vary", "ctl.law.k1=10:40:2", "--set",
+             "m=7000kg", "--no-compile", "--out", str(folder)]  # fmt: skip
+    assert main(words) == 0
+    return folder
+
+
+def test_a_run_of_a_sweep_is_run_again_by_its_numbers(swept):
+    """The metrics of a dot are those of the loop with the numbers that a click takes."""
+    answers = openings.answers_of_opening(str(swept), str(swept.parent), compile=False)
+    model = answered(answers, kind="model")[-1][0]
+    sweep = model["sweep"]
+    assert (model["loop"], sweep["missing"], sweep["lost"]) == ("sta", 0, [])
+    assert [r["numbers"]["ctl.law.k1"] for r in sweep["runs"]] == [10.0, 40.0]
+    assert all(r["numbers"]["m"] == 7000.0 for r in sweep["runs"])
+    names = [m["key"] for m in sweep["metrics"]]
+    for run in sweep["runs"]:
+        rows = answered(answers, kind="run", numbers=run["numbers"])[-1][0]["metrics"]
+        for row in rows:
+            was = run["metrics"][names.index(row["key"])]
+            assert row["value"] == (None if was is None else pytest.approx(was, rel=1e-12))
+
+
+def test_a_sweep_whose_file_is_gone_is_refused_in_a_line(metro, tmp_path):
+    out = tmp_path / "sw"
+    short = TEXT.replace('duration = "17 s"', 'duration = "0.2 s"').replace(
+        'end = "standstill" ', "# "
+    )
+    Path("metro.toml").write_text(short)
+    words = ["-q", "sweep", "metro.toml:pid", "--vary", "m=38t:39t:2", "--no-compile"]
+    assert main([*words, "--out", str(out)]) == 0
+    assert openings.opening_of_name(str(out)).folder == str(tmp_path)
+    (tmp_path / "metro.toml").rename(tmp_path / "other.toml")
+    with pytest.raises(BadInput, match=r"metro.toml is not here"):
+        openings.opening_of_name(str(out))
+
+
+def test_a_recorded_log_is_drawn_as_it_was_recorded(tmp_path, monkeypatch):
+    """Each column of numbers over the time of the log, in its unit; words are told of the rest."""
+    monkeypatch.chdir(tmp_path)
+    rows = [f"{0.1 * k:.1f},{60 - k},ok" for k in range(30)]
+    Path("run.csv").write_text("\n".join(["t [s],v [km/h],note", *rows]) + "\n")
+    answers = openings.answers_of_opening("run.csv", str(tmp_path))
+    model = answered(answers, kind="model")[-1][0]
+    assert (model["log"], model["sliders"], model["text"]) == ("run.csv", [], None)
+    head, columns = next(f for f in answered(answers, kind="run") if "rows" in f[0])
+    assert [(p["name"], p["unit"]) for p in head["panels"]] == [("v", "km/h")]
+    assert columns[0] == pytest.approx(0.1 * np.arange(30), abs=1e-6)
+    assert columns[1] == pytest.approx(60.0 - np.arange(30))
+    told = answered(answers, kind="doubts")[-1][0]["warnings"]
+    assert any("note is not drawn" in line for line in told)
+    for kind in ("law", "verdict", "effects", "c", "save", "draws", "region"):
+        assert "open a vehicle's file" in answered(answers, kind=kind)[-1][0]["faults"][0]
+
+
+def test_what_is_no_sweep_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("empty").mkdir()
+    with pytest.raises(BadInput):
+        openings.opening_of_name("empty")
+    with pytest.raises(BadInput):
+        openings.opening_of_name("nobody.csv")
+
+
+def test_a_file_in_a_folder_below_is_saved_where_it_is(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("below").mkdir()
+    shutil.copy(METRO, "below/metro.toml")
+    opening = openings.opening_of_name("below/metro.toml:pid")
+    answers = openings.answers_of_opening(opening.name, opening.folder, compile=False)
+    assert "faults" not in answered(answers, kind="save", numbers={"m": 39000.0})[-1][0]
+    assert "39000" in Path("below/metro.toml").read_text().replace("39 t", "39000")
+    assert sorted(p.name for p in Path().rglob("*.toml")) == ["metro.toml"]

@@ -120,6 +120,14 @@ def test_the_point_of_the_region_is_dragged(study, pictures):
     study.picture(pictures / "region.png")
 
 
+def test_the_worst_disturbance_is_run_on_a_click(study, pictures):
+    """What the certificate has of it, or a line that says what it has not; the run comes back."""
+    study.wait("document.getElementById('worst')", 60)
+    study.click("#worst")
+    study.wait("document.getElementById('worst-words').textContent.length > 10", 60)
+    study.picture(pictures / "worst.png")
+
+
 def test_pins_stand_beside_the_run(study):
     study.click("#pin")
     after(study, lambda: slide(study, "ctl.law.K1", 60))
@@ -153,9 +161,7 @@ def test_the_law_and_the_blocks_are_shown(study, pictures):
     study.picture(pictures / "law.png")
     study.click("[data-tab=block]")
     study.wait("document.querySelector('#block .diagram img')")
-    study.run(
-        "[...document.querySelectorAll('#block button')].find(b => b.textContent === 'ctl').click()"
-    )
+    study.click("#block button[aria-label='open ctl']")
     study.wait("document.querySelector('#block b').textContent !== 'loop'")
     study.picture(pictures / "blocks.png")
     study.click("[data-tab=sliders]")

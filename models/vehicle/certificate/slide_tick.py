@@ -25,7 +25,7 @@ from slipctl.block.transforms.discretisation import gated
 from slipctl.certify.mode_cells import ModeLoop
 from slipctl.certify.mode_proofs import MOST_REALS
 from slipctl.certify.mode_runs import worst_runs
-from slipctl.certify.slide_loop import HEIGHT, LATE, NOISE, PUSH, SLIP, push_ranges
+from slipctl.certify.slide_loop import HEIGHT, LATE, NOISE, PUSH, SLIP, STOP, push_ranges
 from slipctl.certify.sums import NoProof
 from slipctl.certify.tick_code import TickCode, code_of_function
 from slipctl.certify.tick_coordinates import (
@@ -37,13 +37,20 @@ from slipctl.certify.tick_coordinates import (
 from slipctl.models.common_form import T_S
 from slipctl.models.vehicle.certificate.axle_tick import AxleTick, state_after
 from slipctl.models.vehicle.control import wheel
+from slipctl.models.vehicle.parts import Valve
 from slipctl.models.vehicle.plant import actuator
 
-STEP = 0.01
-"""Time in s from one image of the cells to the next; cells want some motion."""
+STEP, LEAST_TICKS = 0.01, 3
+"""Time in s, and ticks of the controller, from one image of the cells to the next at least.
+
+Cells want some motion: an image that leaves its cell by a hundredth counts as one cell further.
+"""
 
 ROOM = Fraction(1_000_001, 1_000_000)
 """Share by which the change of a command may be larger than in runs."""
+
+OFFSET = 1e-12
+"""Slip in m/s from which each side of a curve begins."""
 
 RUN = 3000
 """Ticks of runs that show how fast a command changes."""
@@ -65,7 +72,7 @@ class SlideTick(AxleTick):
                            f" {self.period:g} s; its sample time is built in")  # fmt: skip
         ticks = -(-Fraction(n["dead"]) // Fraction(n["T"]))
         push = push_ranges(n)
-        stride = max(1, round(STEP / self.period))
+        stride = max(LEAST_TICKS, round(STEP / self.period))
         code, starts = self._tick(float(n["v"]), float(n["demand"]), bool(ticks))
         wanted = states_that_matter(code, SLIP)
         outputs = {k: i for k, i in code.outputs.items() if k in wanted or (ticks and k == "rate")}
@@ -95,8 +102,8 @@ class SlideTick(AxleTick):
         part = self.trip.actuator
         brake = actuator(_prompt(part)) if waits else actuator(part)
         own, act = (ca.SX.sym(k, b.f.numel_in(0)) for k, b in (("law", control), ("act", brake)))
-        s, height, w, noise, late = (ca.SX.sym(k) for k in ("s", "h", "w", "n", "late"))
-        fall, numbers = self._fall(v), wheel(self.trip)
+        s, height, w, noise, late, stop = (ca.SX.sym(k) for k in ("s", "h", "w", "n", "late", "z"))
+        fall, numbers = _fall_of_sides(self._fall(v)), wheel(self.trip)
         told = height * fall(self.goal)
         force = told / (numbers.r**2 / numbers.J + 1 / numbers.m)
         self.T_demand = demand
@@ -107,21 +114,36 @@ class SlideTick(AxleTick):
 
         own_next, T_cmd = commanded(own, s, act, noise)
         asked = T_cmd + late if waits else T_cmd
-        act_next, T_b = self._braked(brake, act, asked)
-        for _ in range(round(self.period / T_S) - 1):  # the brake has shorter ticks
-            act_next = self._braked(brake, act_next, asked)[0]
+        T_b = self._braked(brake, act, asked)[1]
+        act_next = self._after_period(brake, act, asked, stop)
         rate = lambda x: numbers.r / numbers.J * T_b - height * fall(x) - self.steady + w  # noqa: E731
         s_next = state_after(rate, s, self.period)
         after = commanded(own_next, s_next, act_next, noise)[1]
         states = [SLIP, *_names(control, "law"), *_names(brake, "act")]
         f = ca.Function(
-            "tick", [ca.vertcat(s, own, act, height, w, noise, late)],
+            "tick", [ca.vertcat(s, own, act, height, w, noise, late, stop)],
             [ca.vertcat(s_next, own_next, act_next, after - T_cmd)], {"cse": True},
         )  # fmt: skip
-        pushes = [f"d_{k}" for k in (HEIGHT, PUSH, NOISE, LATE)]
+        pushes = [f"d_{k}" for k in (HEIGHT, PUSH, NOISE, LATE, STOP)]
         code = code_of_function(f, [*(f"x_{k}" for k in states), *pushes], [*states, "rate"])
         begin = np.concatenate([[0.0], _starts(control), _starts(brake)])
         return code, {k: Fraction(x) for k, x in zip(states, begin.tolist(), strict=True)}
+
+    def _after_period(self, brake: Any, act: Any, T_cmd: Any, stop: Any) -> Any:
+        """States of the brake a tick of the controller later; its own ticks are shorter.
+
+        A valve keeps its position until the error is within its band. So the pressure moves on its
+        exponential, and stops by less than one tick of motion beyond the edge of the band. Where
+        the valve would turn round there, its ticks are followed one by one.
+        """
+        ticks, part = round(self.period / T_S), self.trip.actuator
+        if ticks > 1 and isinstance(part, Valve):
+            found = _after_valve(part, brake, act, T_cmd, stop, ticks)
+            if found is not None:
+                return found
+        for _ in range(ticks):
+            act = self._braked(brake, act, T_cmd)[0]
+        return act
 
     def _braked(self, brake: Any, act: Any, T_cmd: Any) -> tuple[Any, Any]:
         """Next states of the brake, and its torque.
@@ -137,6 +159,51 @@ class SlideTick(AxleTick):
         after, y = f(act, brake.pack("input", given), brake.pack("param", numbers))
         own = brake.unpack("output", y) if "T_b" in brake.outputs else brake.unpack("state", act)
         return after, own["T_b"]
+
+
+def _after_valve(part: Valve, brake: Any, p: Any, T_cmd: Any, stop: Any, ticks: int) -> Any:
+    """Pressure after some ticks of a valve and its cylinder, under one command.
+
+    Args:
+        part: the valve. brake: its block. p: pressure. T_cmd: command. stop: from 0 to 1, how much
+            of one tick it moves beyond the edge of its band. ticks: of the brake.
+
+    Returns:
+        The pressure, or None where the valve would turn round at the edge.
+    """
+    numbers = {k.rpartition(".")[2]: float(x) for k, x in brake.param_values().items()}
+    top, tau_l = numbers["P_max"], numbers["tau_l"]
+    fill, vent, leak = (
+        _share_kept(T_S * rate)
+        for rate in (1 / part.fill + 1 / tau_l, 1 / part.vent + 1 / tau_l, 1 / tau_l)
+    )
+    full, still = top / (1 + part.fill / tau_l), leak**ticks
+    if max(1 - fill, 1 - vent) > 2 * part.band or full < top * (1 - part.band / 2):
+        return None
+    asked = ca.fmin(ca.fmax(T_cmd / part.torque, 0), 1) * top
+    low, high = asked - part.band * top, asked + part.band * top
+    above = low + (1 - fill) * (full - low)
+    filled = ca.fmin(full - (full - p) * fill**ticks, still * low + stop * (above - still * low))
+    vented = ca.fmax(p * vent**ticks, high - stop * (2 - vent - still) * high)
+    again = still * p + stop * (above - still * p)  # it leaks until it fills
+    held = ca.if_else(still * p < low, again, still * p)
+    return ca.if_else(p < low, filled, ca.if_else(p > high, vented, held))
+
+
+def _fall_of_sides(fall: Any) -> Any:
+    """An odd curve as the sum of its sides, so that no cell about 0 asks on which side it is.
+
+    Each side begins ``OFFSET`` from 0, which moves the curve by less than roundings do.
+    """
+    points = np.array([1e-3, 0.1, 1.0, 10.0])
+    if not np.allclose([float(fall(x) + fall(-x)) for x in points], 0, atol=1e-9):
+        return fall
+    return lambda x: fall(ca.fmax(x, 0) + OFFSET) - fall(ca.fmax(-x, 0) + OFFSET)
+
+
+def _share_kept(z: float) -> float:
+    """Share of a distance that a lag leaves after a step of Runge and Kutta, z of its constant."""
+    return 1 - z + z**2 / 2 - z**3 / 6 + z**4 / 24
 
 
 def _prompt(part: Any) -> Any:

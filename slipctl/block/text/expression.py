@@ -18,7 +18,7 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
-from slipctl.errors import BadInput, Faults, check_number, nearest
+from slipctl.errors import BadInput, Faults, check_number, has_many, nearest, value_text
 
 LONGEST = 2000
 """Characters of one expression; Python's parser is slow or gives up beyond."""
@@ -455,8 +455,8 @@ def _points(given: Any) -> list[Any]:
 
     if isinstance(given, ca.SX | ca.MX | ca.DM):
         return ca.vertsplit(given)
-    if isinstance(given, str) or not isinstance(given, Iterable):
-        raise BadInput(f"interpolated: {given!r:.40} is no list of numbers")
+    if isinstance(given, str) or not has_many(given):
+        raise BadInput(f"interpolated: {value_text(given)} is no list of numbers")
     return list(given)
 
 

@@ -230,7 +230,7 @@ class Meanings:
             elif isinstance(value, str):
                 m.value = self.quantity(m, name, value, told)
             elif isinstance(value, bool) or not isinstance(value, (int, float)):
-                raise BadInput(f"{value!r:.40} is no number with a unit")
+                raise BadInput(f"value {value!r:.40} is no number with a unit")
             else:
                 m.value = parse_quantity(_in(repr(float(value)), told), m.unit or "1")
             ends = table.get("range")

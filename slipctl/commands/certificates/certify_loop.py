@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -18,6 +18,7 @@ from slipctl.certify.boundary import Farthest
 from slipctl.certify.systems import System
 from slipctl.commands.certificates.certify_numbers import read_numbers
 from slipctl.commands.progress import Progress
+from slipctl.design.gain_points import Asked, GainPoints, replaced_numbers
 from slipctl.errors import BadInput, nearest
 from slipctl.run import machine, store
 from slipctl.run.numbers import check_guards
@@ -104,7 +105,8 @@ def map_answer(options: argparse.Namespace, command: str) -> str:
     from slipctl.design.levels import levels
     from slipctl.study.jobs import Cores
 
-    system, given, what = _asked(options)
+    at, what = _asked(options)
+    system, given = at({})
     axes = maps.read_axes(options.map, system, _known(system, given))
     stem = re.sub(r"\W", "_", options.system)
     folder = Path(options.out or Path("out") / f"map_{stem}")
@@ -116,9 +118,8 @@ def map_answer(options: argparse.Namespace, command: str) -> str:
     try:
         with Cores(None) as cores:
             found = maps.drawn_map(
-                system, given, axes, what, options.points, cores,
-                lambda share: progress("map", share),
-            )  # fmt: skip
+                at, axes, what, options.points, cores, lambda share: progress("map", share)
+            )
         if seen is not None:
             xs, ys = (a.values(options.points) for a in axes)
             found = replace(found, levels=levels(
@@ -165,21 +166,23 @@ def ends(options: argparse.Namespace, command: str) -> str:
     up = options.largest is not None
     if up and options.smallest is not None:
         raise BadInput("ask for --largest or for --smallest")
-    system, given, what = _asked(options)
+    at, what = _asked(options)
+    system = at({})[0]
     folder = Path(options.out) if options.out else None
     if folder is not None:
         if folder.suffix == ".json":
             raise BadInput(f"--out {folder}: this writes two certificates; write a folder")
         store.check_folder(folder)
-    found = boundary.farthest(system, given, options.largest if up else options.smallest, up)
+    found = boundary.farthest(at, options.largest if up else options.smallest, up)
     files = []
     for side in ("certified", "refuted"):
         value = getattr(found, side)
         if folder is not None and value is not None:
-            numbers = systems.exact_numbers(system, {**given, found.name: Fraction(str(value))})
+            there, given = at({found.name: value})
+            numbers = systems.exact_numbers(there, {**given, found.name: Fraction(str(value))})
             folder.mkdir(parents=True, exist_ok=True)
             files.append(str(folder / f"{side}.json"))
-            store.write_text(Path(files[-1]), store.json_text(proofs.write(system, numbers)))
+            store.write_text(Path(files[-1]), store.json_text(proofs.write(there, numbers)))
     if options.json:
         said = {"format": store.FORMAT, "of": what, "system": system.name, **found.payload()}
         return store.json_text(said | {"slipctl": __version__, "command": command}).rstrip()
@@ -205,8 +208,10 @@ def _told(found: Farthest) -> list[str]:
     return rows
 
 
-def _asked(options: argparse.Namespace) -> tuple[System, Mapping[str, Any], str]:
-    """System of a question, its numbers, and its name in words.
+def _asked(
+    options: argparse.Namespace,
+) -> tuple[Callable[[Mapping[str, float]], Asked], str]:
+    """System and numbers of a question, at the numbers of a point, and its name in words.
 
     Raises:
         BadInput: a system or loop that there is not; numbers of a loop that were typed.
@@ -214,22 +219,18 @@ def _asked(options: argparse.Namespace) -> tuple[System, Mapping[str, Any], str]
     name = options.system
     own = own_system(name)
     if own is not None:
-        return own, read_numbers(own, options.settings), name
+        return replaced_numbers(own, read_numbers(own, options.settings)), name
     if is_loop(name):
         gains, loop = one(name, options.settings)
-        numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
-        return (
-            catalogue.system_of_gains(gains, loop),
-            numbers,
-            f"{name.rpartition(':')[0]}:{gains.name}",
-        )
+        points = GainPoints(gains, loop, find(name)[0].controller)
+        return points.at, f"{name.rpartition(':')[0]}:{gains.name}"
     if name not in catalogue.SYSTEMS:
         known_ = (*catalogue.SYSTEMS, *resolve.studies())
         raise BadInput(
             f"cannot certify {name!r}{nearest(name, known_)}; write a system or STUDY:LOOP"
         )
     system = catalogue.system(name)
-    return system, read_numbers(system, options.settings), name
+    return replaced_numbers(system, read_numbers(system, options.settings)), name
 
 
 def _known(system: System, given: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -47,6 +47,11 @@ def svg(block: Block, deep: bool = False) -> str:
     return levels_svg([level(block), *(levels_below(block, "") if deep else [])])
 
 
+def boxes_of_svg(block: Block) -> dict[str, tuple[float, float, float, float]]:
+    """Where the boxes of :func:`svg` are: left, top, width and height in its units, by name."""
+    return Drawing(level(block)).boxes()
+
+
 def levels_svg(levels: Sequence[Level]) -> str:
     """Draw levels of blocks below each other as SVG."""
     drawings = [Drawing(lv) for lv in levels]

@@ -96,6 +96,13 @@ class Drawing:
         self._set_heights()
         self._route()
 
+    def boxes(self) -> dict[str, tuple[float, float, float, float]]:
+        """Left, top, width and height of each box, by its name."""
+        return {
+            k: (p.x, p.y, p.width, p.height)
+            for k, p in self.places.items() if p.node is not None and p.node.box
+        }  # fmt: skip
+
     def _add(self, key: str, node: Node) -> None:
         ins, outs = [(key, i) for i in node.ins], [(key, o) for o in node.outs]
         place = _Place(node, ins, outs, self.columns[key])

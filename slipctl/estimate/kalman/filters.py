@@ -99,29 +99,32 @@ def ctukf(
         BadInput: not a flow, an unknown name, a form that does not exist, a variance that is not
             positive, gamma or sigma that make a weight negative.
     """
-    shape = [Param("1", 2.0, "spread of the sigma points", "Zhang 2021, Table 3", lo=0, hi=100)]
-    shape[0] = shape[0].named("sigma")
-    if form == "printed-22":
-        shape.append(
-            Param("1", 2.0, "extra weight", "Zhang 2021, Table 3", lo=0, hi=100).named("beta")
-        )
-    who = f"ctukf({block.name})"
-    sigma = numbers.get("sigma", 2.0)
-    if not sigma >= 0:
-        n = 1 if isinstance(estimate, str) else len(estimate)
-        weight = f"{sigma / (n + sigma):.3g}" if n + sigma else "infinite"
-        raise BadInput(
-            f"{who}: sigma = {sigma:g} makes the weight of the centre sigma/(N + sigma) {weight};"
-            f" it must not be negative, sigma = 2 would pass"
-        )
+    unknowns = 1 if isinstance(estimate, str) else len(estimate)
+    _check_sigma(block.name, numbers.get("sigma", 2.0), unknowns)
     return _filter(
         "ctukf", FORMS, block, measured, estimate,
         moments=lambda p: printed_22(p["sigma"], p["beta"]) if "beta" in p
         else sigma_points(p["sigma"]),
-        shape=tuple(shape), prior=prior, noise=noise, drift=drift, start=start, floor=floor,
-        cap=cap, form=form, per=per, method=method, substeps=substeps, period=period,
-        numbers=numbers,
+        shape=_SIGMA if form != "printed-22" else (*_SIGMA, _BETA), prior=prior, noise=noise,
+        drift=drift, start=start, floor=floor, cap=cap, form=form, per=per, method=method,
+        substeps=substeps, period=period, numbers=numbers,
     )  # fmt: skip
+
+
+_SIGMA = (
+    Param("1", 2.0, "spread of the sigma points", "Zhang 2021, Table 3", lo=0, hi=100).named(
+        "sigma"),
+)  # fmt: skip
+_BETA = Param("1", 2.0, "extra weight", "Zhang 2021, Table 3", lo=0, hi=100).named("beta")
+
+
+def _check_sigma(name: str, sigma: float, unknowns: int) -> None:
+    if not sigma >= 0:
+        weight = f"{sigma / (unknowns + sigma):.3g}" if unknowns + sigma else "infinite"
+        raise BadInput(
+            f"ctukf({name}): sigma = {sigma:g} makes the weight of the centre sigma/(N + sigma)"
+            f" {weight}; it must not be negative, sigma = 2 would pass"
+        )
 
 
 def ekf(

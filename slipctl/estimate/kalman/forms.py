@@ -6,7 +6,7 @@ Both have the same inputs, outputs and parameters: see :mod:`slipctl.estimate.ka
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -73,14 +73,7 @@ def sampled_form(problem: Problem, setting: Setting, method: str, substeps: int)
         old, P = names.mean(problem, x), names.matrix(problem, x)
         moved, _, wider = (old, P, P) if exact else moments(ahead, old, P, floor)
         gamma = p["gamma"] if setting.per == "sample" else p["gamma"] * dt
-        growth = [
-            ca.fmin(1 + gamma, ca.fmax(1, p[names.cap[s.name]] / wider[i][i]))
-            for i, s in enumerate(unknown)
-        ]
-        grown = [
-            [wider[i][j] * (growth[i] if i == j else ca.sqrt(growth[i] * growth[j])) for j in n]
-            for i in n
-        ]
+        grown = _grown(wider, gamma, p, [names.cap[s.name] for s in unknown])
         Q = [p[names.drift[s.name]] * dt for s in unknown]
         mean = old if exact else [ca.if_else(begun, moved[i], old[i]) for i in n]
         P = [
@@ -123,6 +116,16 @@ def sampled_form(problem: Problem, setting: Setting, method: str, substeps: int)
         outputs=filter_outputs(problem, names), period=setting.period, sx=problem.block.sx,
         units=problem.block.units, choices=setting.choices, doc=setting.doc,
     )  # fmt: skip
+
+
+def _grown(wider: Sequence[Vector], gamma: Any, p: Exprs, caps: Sequence[str]) -> list[Vector]:
+    """Covariance that gamma has made wider; the variance of none beyond its cap."""
+    n = range(len(caps))
+    growth = [ca.fmin(1 + gamma, ca.fmax(1, p[caps[i]] / wider[i][i])) for i in n]
+    return [
+        [wider[i][j] * (growth[i] if i == j else ca.sqrt(growth[i] * growth[j])) for j in n]
+        for i in n
+    ]
 
 
 def differential_form(problem: Problem, setting: Setting, method: str, substeps: int) -> Block:

@@ -8,15 +8,19 @@ from __future__ import annotations
 
 import re
 import tomllib
-from functools import lru_cache
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slipctl import registry
-from slipctl.errors import Faults
+from slipctl.errors import BadInput, Faults
+from slipctl.run.results import Case, Loops
 from slipctl.study.files import equation_files
 
 if TYPE_CHECKING:
+    from slipctl.block.block import Block
     from slipctl.study.declaration import Study
 
 
@@ -124,7 +128,25 @@ def study_of_text(path: str, text: str) -> Study:
     trip = _trip(path, text)
     name = re.sub(r"\W", "_", Path(path).stem) or "trip"
     made: Study = vehicle_files().study(trip, name, f"described in {Path(path).name}")
-    return made
+    return replace(made, cases=partial(_cases, path, text, made.cases))
+
+
+def _cases(path: str, text: str, cases: Any, models: Any, quick: bool) -> list[Case]:
+    """Cases; a loop that cannot be made says where in the file its controller stands."""
+    return [
+        replace(c, loops=Loops({n: partial(_loop, path, text, c.loops, n) for n in c.loops}))
+        for c in cases(models, quick)
+    ]
+
+
+def _loop(path: str, text: str, loops: Mapping[str, Block], name: str) -> Block:
+    try:
+        return loops[name]
+    except Faults:
+        raise
+    except BadInput as error:
+        why = str(error).removeprefix(f"controllers.{name}: ")
+        raise BadInput(_line(path, text, ("controllers", name), why)) from None
 
 
 def schema_text() -> str:

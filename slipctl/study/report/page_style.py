@@ -1,4 +1,10 @@
-"""How pages look, on a bright and on a dark screen and on paper."""
+"""How the pages of results look: their style, and what stands around each of them."""
+
+from __future__ import annotations
+
+from html import escape
+
+from slipctl import __version__
 
 STYLE = """
 :root { --ink: #1c1c1c; --soft: #5b6168; --line: #d9dde1; --fill: #f5f6f8; --blue: #0072B2;
@@ -47,4 +53,29 @@ td details p { max-width: 22rem; margin: .1rem 0 .3rem; }
   body { max-width: none; padding: 0; font-size: 10pt; } nav { break-after: page; }
   tr, figure { break-inside: avoid; } a { color: inherit; text-decoration: none; }
   .wide { overflow: visible; } .diagram img { max-width: 100%; height: auto; } }
+"""
+
+
+def html_page(title: str, said: str, body: str, style: str = STYLE, head: str = "") -> str:
+    """A whole page.
+
+    Args:
+        title: plain text. said: line below it, as HTML. body: the rest, as HTML.
+        style: CSS. head: further lines of the head, each with its end.
+    """
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="generator" content="slipctl {__version__}">
+{head}<title>{escape(title)}</title>
+<style>{style}</style>
+</head>
+<body>
+<h1>{escape(title)}</h1>
+<p class="soft">{said}</p>
+{body}
+</body>
+</html>
 """

@@ -25,7 +25,7 @@ from slipctl.run.results import Results
 from slipctl.study.declaration import FAILED, OPEN, REPRODUCED
 from slipctl.study.provenance import provenance
 from slipctl.study.report.failure_tables import Html, failure_tables
-from slipctl.study.report.page_style import STYLE as STYLE
+from slipctl.study.report.page_style import STYLE, html_page
 from slipctl.study.report.remarks import answer_html, remarks_html, warnings_of_runs
 from slipctl.study.report.texts import (
     absent,
@@ -110,29 +110,17 @@ def page(
         f'<p class="failed">{escape(where)} failed: {escape(why)}</p>'
         for where, why in results.failed.items()
     )
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="generator" content="slipctl {__version__}">
-<meta name="slipctl-format" content="{store.FORMAT}">
-<title>{escape(study.title)}</title>
-<style>{STYLE}{live.STYLE if curves else ""}</style>
-</head>
-<body>
-<h1>{escape(study.title)}</h1>
-<p class="soft">{escape(study.source)} · study <code>{escape(study.name)}</code> · slipctl
-{__version__}</p>
-{_paragraphs(study.doc)}
+    about = f"{escape(study.source)} · study <code>{escape(study.name)}</code>"
+    said = f"{about} · slipctl\n{__version__}"
+    rest = f"""{_paragraphs(study.doc)}
 {answer_html(results)}
 {stopped}{quick if results.quick else ""}{changed}{failed}{doubted}{left}
 <nav><ul>{contents}</ul></nav>
 {body}
-{f"<script>{live.script()}</script>" if curves else ""}
-</body>
-</html>
-"""
+{f"<script>{live.script()}</script>" if curves else ""}"""
+    style = STYLE + (live.STYLE if curves else "")
+    head = f'<meta name="slipctl-format" content="{store.FORMAT}">\n'
+    return html_page(study.title, said, rest, style, head)
 
 
 def constant(results: Results) -> dict[str, Callable[[], str]]:

@@ -18,7 +18,7 @@ from slipctl.draw.looks import pretty
 from slipctl.run.metrics import METRICS
 from slipctl.run.sweep.spread import limits_missed, quantiles
 from slipctl.run.sweep.sweep_results import Sweep
-from slipctl.study.report.page_style import STYLE
+from slipctl.study.report.page_style import html_page
 from slipctl.study.report.report_page import image, table
 from slipctl.study.report.texts import number, number_or_never, with_unit
 
@@ -54,23 +54,11 @@ def page(sweeps: Mapping[str, Sweep], command: str) -> str:
         "Provenance": f"{_varied(first)}<pre>{escape(command)}</pre>",
     }
     body = "".join(f"<section><h2>{t}</h2>{text}</section>" for t, text in sections.items() if text)
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="generator" content="slipctl {__version__}">
-<title>{escape(title)}</title>
-<style>{STYLE}</style>
-</head>
-<body>
-<h1>{escape(title)}</h1>
-<p class="soft">{len(first.runs)} runs of each loop in scenario
-{escape(str(first.about["scenario"]))} · slipctl {__version__}</p>
-{body}
-</body>
-</html>
-"""
+    said = (
+        f"{len(first.runs)} runs of each loop in scenario\n"
+        f"{escape(str(first.about['scenario']))} · slipctl {__version__}"
+    )
+    return html_page(title, said, body)
 
 
 def _limits(sweeps: Mapping[str, Sweep]) -> str:

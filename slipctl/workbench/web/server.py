@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import re
 import secrets
 import socket
@@ -14,9 +13,9 @@ from importlib.resources import files
 from typing import Any
 
 from slipctl.errors import BadInput
-from slipctl.workbench.answers import KINDS
 from slipctl.workbench.curves import frame
 from slipctl.workbench.web.guard import LONGEST, Bucket, Guard
+from slipctl.workbench.web.messages import question_of_text
 from slipctl.workbench.web.windows import Opening, Window
 
 HOST = "127.0.0.1"
@@ -163,7 +162,7 @@ def application(opening: Opening, port: int, token: str) -> tuple[Any, Windows]:
                 if text is None:
                     break
                 why = "" if bucket.take() else "too many questions at once; wait a moment"
-                request = _question(text) if not why else None
+                request = question_of_text(text) if not why else None
                 if request is None:
                     why = why or "that is no question"
                     channel.put("", frame({"kind": "refused", "end": True, "faults": [why]}))
@@ -180,16 +179,6 @@ def application(opening: Opening, port: int, token: str) -> tuple[Any, Windows]:
     ])  # fmt: skip
     guard = Guard(app, port, token)
     return guard, windows
-
-
-def _question(text: str) -> dict[str, Any] | None:
-    """Question of a message; None where it is none."""
-    try:
-        found = json.loads(text)
-    except (ValueError, RecursionError):
-        return None
-    plain = isinstance(found, dict) and found.get("kind") in KINDS
-    return found if plain else None
 
 
 class Server:

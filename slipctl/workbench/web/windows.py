@@ -10,15 +10,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from slipctl.workbench.answers import KINDS, LANES
 from slipctl.workbench.curves import frame
-from slipctl.workbench.web.worker import serve
+from slipctl.workbench.questions import KINDS, LANES
 
 PATIENCE = 20.0
 """Seconds that a piece of work may take; the process is ended then, and a new one begins."""
 
 LIMITS = {"slow": 300.0, "command": math.inf}
 """The same, of work that compiles or counts; a command ends when it is stopped."""
+
+MOST_LOST = 3
+"""Processes that may end one after the other before one has answered; no more are begun."""
 
 Send = Callable[[str, bytes], None]
 """Called, from a thread, with the kind of an answer and its frame."""
@@ -38,6 +40,13 @@ class Opening:
     files: tuple[str, ...] = ()
     compile: bool = True
     patience: float = PATIENCE
+
+
+def _serve(*given: Any) -> None:
+    """What a process does; the server itself does not load what answers."""
+    from slipctl.workbench.web.worker import serve
+
+    serve(*given)
 
 
 def process_context() -> Any:
@@ -62,6 +71,7 @@ class Worker:
         self._waiting: dict[str, Mapping[str, Any]] = {}
         self._step: tuple[str, float] | None = None
         self._closed = False
+        self._lost = 0
         self._begin()
         threading.Thread(target=self._write, daemon=True).start()
         threading.Thread(target=self._watch, daemon=True).start()
@@ -71,7 +81,7 @@ class Worker:
         here, there = context.Pipe()
         o = self.opening
         self._process = context.Process(
-            target=serve,
+            target=_serve,
             args=(there, o.name, o.folder, o.files, o.compile, self.limited),
             daemon=True,
         )
@@ -122,6 +132,7 @@ class Worker:
                 said = pipe.recv()
             except (EOFError, OSError):
                 break
+            self._lost = 0 if said[0] == "idle" else self._lost
             if said[0] == "frame":
                 kind = self._step[0] if self._step else "model"
                 self.send(kind, said[1])
@@ -133,6 +144,12 @@ class Worker:
             if self._closed or pipe is not self._pipe:
                 return
             kind = self._step[0] if self._step else ""
+            self._lost += 1
+            self._closed = self._lost > MOST_LOST
+            self._lock.notify_all()
+        if self._closed:
+            self._say(kind or "model", "what answers ends at once; the terminal says why")
+            return
         self._say(kind, "the process that answers has ended; a new one has begun")
         self._begin()
 

@@ -12,9 +12,10 @@ from typing import Any
 
 from slipctl.errors import BadInput
 from slipctl.study import resolve
-from slipctl.workbench.answers import KINDS, Answers
+from slipctl.workbench.answers import Answers
 from slipctl.workbench.curves import frame
-from slipctl.workbench.desk import Desk
+from slipctl.workbench.questions import KINDS
+from slipctl.workbench.sources.openings import answers_of_opening
 
 MEMORY = 8 * 2**30
 """Bytes that a worker may ask for; a law that wants more is refused by the system."""
@@ -41,7 +42,7 @@ def serve(
     gc.set_threshold(100_000, 50, 100)
     resolve.load_only(files)
     try:
-        answers = Answers(Desk(name, folder, compile))
+        answers = answers_of_opening(name, folder, compile)
     except BadInput as error:
         pipe.send(("frame", frame({"kind": "model", "id": 0, "end": True, "faults": [str(error)]})))
         return
@@ -63,8 +64,7 @@ def _step(
     pipe: Connection, answers: Answers, waiting: dict[str, Any], going: dict[str, Iterator[bytes]]
 ) -> None:
     """Do a piece of the most urgent work; a newer question of a kind ends the older one."""
-    order = list(KINDS)
-    kind = min({*waiting, *going}, key=lambda k: order.index(k) if k in order else -1)
+    kind = min({*waiting, *going}, key=lambda k: KINDS.index(k) if k in KINDS else -1)
     pipe.send(("step", kind))
     if kind in waiting:
         if kind in going:

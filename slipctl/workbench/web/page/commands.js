@@ -27,6 +27,14 @@ export class Commands {
     this.offered = ranges;
   }
 
+  /** A recorded log that is open stands in its box. @param {any} model */
+  ofLog(model) {
+    for (const name of ["report", "tune", "sweep", "c-ask", "c-board", "effects-ask", "save"]) at(name).disabled = Boolean(model.log);
+    if (!model.log || at("log").value === model.log) return;
+    at("log").value = model.log;
+    at("part").value = model.part;
+  }
+
   /** Metrics that a search may make least. @param {any[]} rows */
   goals(rows) {
     const known = rows.filter((r) => r.better === "low");

@@ -49,6 +49,13 @@ export function showLaw(law) {
   fill(at("law-equations"), equations(law.equations));
 }
 
+/** What is clicked over a box of a diagram. @param {string} name @param {number[]} box @param {() => void} act */
+function boxButton(name, box, act) {
+  const made = make("button", { className: "over-box", title: `open ${name}`, "aria-label": `open ${name}`, onclick: act });
+  ["left", "top", "width", "height"].forEach((side, k) => { made.style[side] = `${box[k]}px`; });
+  return made;
+}
+
 /** A part of the loop. @param {any} b @param {(path: string) => void} open */
 export function showBlock(b, open) {
   const path = b.path ? b.path.split(".") : [];
@@ -56,7 +63,8 @@ export function showBlock(b, open) {
     make("button", { onclick: () => open(path.slice(0, k + 1).join(".")) }, n))];
   const parts = b.parts.map((/** @type {string} */ n) => make("button", { onclick: () => open([...path, n].join(".")) }, n));
   const picture = b.diagram ? make("div", { className: "diagram" }, make("img", { alt: `diagram of ${b.name}`,
-    src: `data:image/svg+xml;charset=utf-8,${encodeURIComponent(b.diagram)}` })) : null;
+    src: `data:image/svg+xml;charset=utf-8,${encodeURIComponent(b.diagram)}` }),
+    ...Object.entries(b.boxes).map(([n, box]) => boxButton(n, box, () => open([...path, n].join("."))))) : null;
   fill(at("block"), make("div", {}, ...crumbs), make("div", {}, make("b", {}, b.name), ` ${b.doc}`),
     parts.length ? make("div", {}, "open ", ...parts) : null, picture,
     b.equations.length ? equations(b.equations) : null,

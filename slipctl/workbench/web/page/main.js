@@ -1,13 +1,15 @@
 // The page: what was changed goes to the server, what it answers to its place.
 
 import { at, fill, make } from "./dom.js";
+import { listenAside } from "./aside.js";
 import { Commands } from "./commands.js";
 import { Editor } from "./editor.js";
 import { showBlock, showLaw } from "./law.js";
 import { Plots, curvesOf, timeText } from "./plots.js";
 import { Region } from "./region.js";
-import { exactWords, showC, showEffects, showEnsemble, showFaults, showMetrics, showVerdict, showWarnings } from "./side.js";
+import { showFaults, showMetrics, showWarnings } from "./side.js";
 import { Sliders } from "./sliders.js";
+import { Sweeps } from "./sweeps.js";
 import { Talk } from "./socket.js";
 import { State } from "./state.js";
 import { followTheme } from "./theme.js";
@@ -23,6 +25,7 @@ const sliders = new Sliders((name, value) => {
   state.set({ numbers }, name);
 });
 const region = new Region((moved) => state.set({ numbers: { ...state.now.numbers, ...moved } }, "point"));
+const sweeps = new Sweeps((numbers) => state.set({ numbers }, "sweep run"));
 const editor = new Editor((text) => state.set({ text, numbers: state.now.numbers }, "text"), (line, text) => talk.ask("complete", { line, text }));
 
 /** @type {any} */
@@ -33,8 +36,6 @@ let metrics = null;
 let before = null;
 /** @type {any[]} */
 const pinned = [];
-/** @type {any[]} */
-let effects = [];
 let said = "opening";
 let begun = 0;
 let command = "";
@@ -149,6 +150,8 @@ talk.on("model", (head) => {
   at("undo").disabled = !state.past.length;
   at("redo").disabled = !state.future.length;
   plots.shape = "";
+  sweeps.show(head.sweep);
+  commands.ofLog(head);
   run();
   askRegion();
   if (!at("law").hidden) talk.ask("law", about());
@@ -161,6 +164,7 @@ talk.on("run", (head, columns) => {
     showWarnings(head.faults);
   } else if (head.rows) {
     const curves = curvesOf(head, columns);
+    at("shown").hidden = true;
     const many = Math.max(0, ...curves.panels.flatMap((p) => p.series.map((/** @type {any} */ s) => s.axle)));
     if (many !== at("axle").options.length - 1) {
       fill(at("axle"), make("option", { value: 0 }, "all"), ...Array.from({ length: many }, (_, k) => make("option", { value: k + 1 }, String(k + 1))));
@@ -202,7 +206,6 @@ talk.on("law", (head) => {
   if (document.activeElement !== at("typed") && head.typed) at("typed").value = head.typed;
 });
 talk.on("block", (head) => (head.block ? showBlock(head.block, (path) => talk.ask("block", { ...about(), path })) : showFaults("block", head.faults)));
-talk.on("verdict", (head) => (head.verdict ? showVerdict(head.verdict) : showFaults("verdict", head.faults)));
 talk.on("region", (head) => {
   if (head.faults) showFaults("region-words", head.faults);
   else if (head.region) {
@@ -211,16 +214,6 @@ talk.on("region", (head) => {
     if (x) commands.offer([x, y].map((a) => [a.at, a.values[0], a.values[a.values.length - 1]]));
   }
 });
-talk.on("effects", (head) => {
-  if (head.effect) effects.push(head.effect);
-  const words = head.faults?.[0] ?? (head.exact ? exactWords(head.exact) : head.why ? `differences of two runs; there are no exact slopes: ${head.why}` : "working it out");
-  showEffects(effects, words);
-});
-talk.on("draws", (head) => {
-  if (head.faults) showFaults("ensemble", head.faults);
-  else if (head.ensemble) showEnsemble(head.ensemble);
-});
-talk.on("c", (head) => (head.c ? showC(head.c) : showFaults("c", head.faults)));
 talk.on("save", (head) => {
   if (head.faults) { tell(head.faults[0]); return; }
   if (model.text !== null) {
@@ -232,9 +225,10 @@ talk.on("save", (head) => {
 });
 const commands = new Commands((what) => talk.send("command", { ...about(), ...what }), (found) => state.set({ numbers: { ...state.now.numbers, ...found } }, "found"), note);
 talk.on("command", (head, columns) => {
-  if (head.rows) plots.show(curvesOf(head, columns), 1);
+  if (head.rows) plots.guest(curvesOf(head, columns), ["a recorded log, replayed"]);
   else commands.hear(head);
 });
+listenAside(talk, about, plots);
 talk.on("refused", (head) => tell(head.faults[0]));
 
 // ---- what a person does ----
@@ -246,10 +240,11 @@ at("loop").addEventListener("change", () => {
 });
 at("axle").addEventListener("change", () => { plots.axle = Number(at("axle").value); plots.redraw(); });
 at("gains").addEventListener("change", () => { rest(); askRegion(); });
+at("back").addEventListener("click", run);
 at("undo").addEventListener("click", () => state.undo());
 at("redo").addEventListener("click", () => state.redo());
 at("pin").addEventListener("click", () => {
-  if (!plots.now || !metrics) return;
+  if (!plots.now || plots.now.guest || !metrics) return;
   pinned.push({ name: `pin ${pinned.length + 1}`, rows: metrics });
   plots.pins.push(plots.now);
   plots.redraw();
@@ -264,10 +259,6 @@ at("unpin").addEventListener("click", () => {
 const save = () => { tell("saving"); talk.ask("save", { ...about(), name: "" }); };
 at("save").addEventListener("click", save);
 at("copy").addEventListener("click", () => { navigator.clipboard?.writeText(command).catch(() => undefined); tell(command); });
-at("draws").addEventListener("click", () => { fill(at("ensemble"), "drawing"); talk.ask("draws", about()); });
-at("effects-ask").addEventListener("click", () => { effects = []; showEffects([], "working it out"); talk.ask("effects", about()); });
-at("c-ask").addEventListener("click", () => { fill(at("c"), "writing, compiling, replaying"); talk.ask("c", about()); });
-at("c-board").addEventListener("click", () => { fill(at("c"), "writing, compiling, running it on the emulated board"); talk.ask("c", { ...about(), target: "cortex-m4" }); });
 at("typed").addEventListener("input", () => {
   clearTimeout(later);
   later = setTimeout(() => talk.ask("law", { ...about(), law: at("typed").value }), 120);
@@ -286,6 +277,7 @@ followTheme(() => {
   plots.redraw();
   track.draw();
   region.draw();
+  sweeps.draw();
   if (!at("law").hidden) talk.ask("law", about());
 });
 addEventListener("keydown", (event) => {

@@ -2,7 +2,7 @@
 
 import { at, colours, fill, hue, make, short, unitOf } from "./dom.js";
 
-/** @typedef {{time: Float32Array, panels: any[], rails: [number, string][], name: string}} Curves */
+/** @typedef {{time: Float32Array, panels: any[], rails: [number, string][], name: string, guest?: boolean}} Curves */
 
 const HIGH = 80;
 const AXIS = 20;
@@ -63,6 +63,15 @@ export class Plots {
     });
   }
 
+  /** Curves that are no run of the loop, with words; the next run takes their place.
+   * @param {Curves} curves @param {string[]} words */
+  guest(curves, words) {
+    this.zoom = null;
+    this.show({ ...curves, guest: true }, 1);
+    fill(at("shown-words"), words.join("; "));
+    at("shown").hidden = false;
+  }
+
   span() {
     return this.zoom ? { min: this.zoom[0], max: this.zoom[1] } : { min: 0, max: this.end };
   }
@@ -117,7 +126,7 @@ export class Plots {
   /** Range of values with those of the runs behind. @param {number} k @param {number} lo @param {number} hi */
   range(k, lo, hi) {
     for (const run of this.ghosts()) {
-      for (const s of run.panels[k] ? this.chosen(run.panels[k]) : []) {
+      for (const s of run.panels[k]?.name === this.now?.panels[k]?.name ? this.chosen(run.panels[k]) : []) {
         for (const v of s.values) {
           if (v < lo || lo === null) lo = v;
           if (v > hi || hi === null) hi = v;
@@ -215,7 +224,7 @@ export class Plots {
 
   /** The run in front becomes the one behind. */
   push() {
-    if (this.now) this.before = this.now;
+    if (this.now && !this.now.guest) this.before = this.now;
   }
 
   redraw() {

@@ -1,5 +1,7 @@
 // The one websocket: questions up as JSON, answers down as bytes.
 
+import { lineTo } from "./link.js";
+
 /** @typedef {{[name: string]: any}} Head */
 
 /** Columns of a frame: length of the head, the head as JSON, then numbers of 32 bits.
@@ -34,7 +36,7 @@ export class Talk {
   }
 
   connect() {
-    this.socket = new WebSocket(`ws://${location.host}/socket?window=${this.window}`);
+    this.socket = lineTo(this.window);
     this.socket.binaryType = "arraybuffer";
     this.socket.onopen = () => {
       this.onstate("");
@@ -42,7 +44,7 @@ export class Talk {
       this.waiting = {};
       for (const text of waiting) this.socket?.send(text);
     };
-    this.socket.onmessage = (event) => this.hear(event.data);
+    this.socket.onmessage = (/** @type {any} */ event) => this.hear(event.data);
     this.socket.onclose = () => {
       this.onstate("slipctl has ended, or does not answer; what you typed is kept here");
       setTimeout(() => this.connect(), 1500);

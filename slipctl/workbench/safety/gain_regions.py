@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from slipctl.certify import catalogue, proofs, systems
+from slipctl.certify import proofs, systems
 from slipctl.certify.promise import exact_numbers
 from slipctl.design import maps
-from slipctl.design.levels import places
+from slipctl.design.gain_points import GainPoints
 from slipctl.errors import BadInput
-from slipctl.run.numbers import check_guards
 
 if TYPE_CHECKING:
-    from slipctl.block.block import Block
     from slipctl.study.declaration import Gains
     from slipctl.workbench.desk import Rig
 
@@ -24,47 +22,17 @@ AROUND = 5.0
 """How far it goes from the point, as a factor to either side."""
 
 
-def certificates_of_rig(rig: Rig) -> dict[str, Any]:
-    """Which certificates can be asked for of a loop, or why there is none."""
-    why = rig.study.uncertified.get(rig.name, "")
-    if not rig.gains and not why:
-        why = "the study declares no gains of this loop to certify"
-    return {"names": [g.name for g in rig.gains], "why": why}
+def points_of_gains(rig: Rig, gains: Gains, numbers: Mapping[str, float]) -> GainPoints:
+    """What a certificate asks of a loop with these numbers, and of points about it."""
+    loop = rig.loop.with_params(**numbers) if numbers else rig.loop
+    return GainPoints(gains, loop, rig.study.controller)
 
 
-def gains_by_name(rig: Rig, name: str = "") -> Gains:
-    """Certificate of a loop by its name; the first one without.
-
-    Raises:
-        BadInput: it has none; says why.
-    """
-    found = next((g for g in rig.gains if name in ("", g.name)), None)
-    if found is None:
-        raise BadInput(f"{rig.name} has no certificate{f' {name!r}' if name else ''}:"
-                       f" {certificates_of_rig(rig)['why'] or 'choose another'}")  # fmt: skip
-    return found
-
-
-def _numbers(gains: Gains, loop: Block) -> tuple[Any, dict[str, float]]:
-    check_guards(loop)
-    return catalogue.system_of_gains(gains, loop), {
-        k: float(v) for k, v in gains.numbers(loop).items()
-    }
-
-
-def movable_gains(rig: Rig, gains: Gains) -> dict[str, str]:
+def movable_gains(rig: Rig, points: GainPoints) -> dict[str, str]:
     """Numbers of a certificate that are numbers of the law: their names in the loop."""
-    _, numbers = _numbers(gains, rig.loop)
     known = {s.name for s in rig.sliders}
-    found = {}
-    for name in numbers:
-        try:
-            at, _ = places(rig.loop, rig.study.controller, [name, name], numbers)
-        except BadInput:
-            continue
-        if at in known and numbers[name] > 0:
-            found[name] = at
-    return found
+    found = {n: points.place(n) for n, v in points.here.items() if v > 0}
+    return {n: at for n, at in found.items() if at in known}
 
 
 def verdict_of_gains(rig: Rig, gains: Gains, numbers: Mapping[str, float]) -> dict[str, Any]:
@@ -73,8 +41,7 @@ def verdict_of_gains(rig: Rig, gains: Gains, numbers: Mapping[str, float]) -> di
     Raises:
         BadInput: numbers that mean nothing.
     """
-    loop = rig.loop.with_params(**numbers) if numbers else rig.loop
-    system, given = _numbers(gains, loop)
+    system, given = points_of_gains(rig, gains, numbers).at({})
     report = systems.report(system, given)
     decision = report.decision
     missing = [decision.promise.claims[k] for k in decision.open]
@@ -101,8 +68,7 @@ def region_rows(
         names: of the certificate's numbers along x and y; by default the first two that the law
             has. points: each way.
 
-    The bounds of each point are those that its loop has: a map of ``slipctl certify --map`` keeps
-    those of the design point.
+    Each point is decided as a point of ``slipctl certify --map`` is, with the bounds of its loop.
 
     Yields:
         Axes first, then each row of verdicts and margins; nothing between, after each point.
@@ -110,13 +76,13 @@ def region_rows(
     Raises:
         BadInput: the law has not two such numbers.
     """
-    movable = movable_gains(rig, gains)
+    points_of = points_of_gains(rig, gains, numbers)
+    movable = movable_gains(rig, points_of)
     chosen = names or tuple(movable)[:2]
     if len(chosen) != 2 or not all(n in movable for n in chosen):
         has = ", ".join(movable) or "none"
         raise BadInput(f"a region needs two gains of the certificate {gains.name}; it has {has}")
-    loop = rig.loop.with_params(**numbers) if numbers else rig.loop
-    system, given = _numbers(gains, loop)
+    system, given = points_of.at({})
     exact = exact_numbers(system, given)
     wanted = ",".join(f"{n}={given[n] / AROUND!r}:{given[n] * AROUND!r}" for n in chosen)
     axes = maps.read_axes(wanted, system, exact)
@@ -132,16 +98,6 @@ def region_rows(
     for row, y in enumerate(ys):
         found = []
         for x in xs:
-            at = {axes[0].name: x, axes[1].name: y}
-            found.append(_point(rig, gains, {**numbers, **{movable[n]: v for n, v in at.items()}}))
+            found.append(maps.point_verdict(points_of.at, {axes[0].name: x, axes[1].name: y}))
             yield {}
         yield {"row": row, "verdicts": [v for v, _ in found], "margins": [m for _, m in found]}
-
-
-def _point(rig: Rig, gains: Gains, numbers: Mapping[str, float]) -> tuple[str, float]:
-    """Verdict and margin of the loop with these numbers: its bounds may depend on them too."""
-    try:
-        system, given = _numbers(gains, rig.loop.with_params(**numbers))
-    except BadInput:
-        return "", 0.0
-    return maps.point_verdict(system, given)

@@ -1,0 +1,1 @@
+"""How safe: certificates of a loop, regions of its gains, worst runs."""

@@ -1,0 +1,95 @@
+"""A recorded log that is open: its columns as curves, and parts of loops replayed over it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from slipctl.errors import BadInput
+from slipctl.run.logs.recorded_log import Recording, read_recording
+from slipctl.workbench.answers import Answers, Head, Request
+from slipctl.workbench.curves import Curves, Panel, Series, frame
+from slipctl.workbench.sources.openings import LOOP_OF_LOG
+
+MOST = 24
+"""Columns that are drawn, the first ones."""
+
+
+def curves_of_recording(log: Recording) -> tuple[Curves, list[str]]:
+    """A panel for each column of a log, and lines on how it was read and what is left out."""
+    panels: list[Panel] = []
+    notes: list[str] = []
+    for name in log.columns:
+        if len(panels) == MOST:
+            notes.append(f"of {len(log.columns)} columns the first {MOST} are drawn")
+            break
+        try:
+            values = log.held(name)
+        except BadInput as error:
+            notes.append(f"{name} is not drawn: {error}")
+            continue
+        panels.append(Panel(name, log.units[name] or "1", [Series(name, 0, "main", values)]))
+    if not panels:
+        raise BadInput(f"{log.source} has no column of numbers")
+    return Curves(log.time, panels, []), [*log.done, *notes]
+
+
+class LogAnswers(Answers):
+    """What answers a window in which a recorded log is open.
+
+    Args:
+        path: of the log. folder: it is in; files are written there alone.
+    """
+
+    kinds = ("run", "model", "doubts", "command")
+    without = "a recorded log has no model; open a vehicle's file"
+
+    def __init__(self, path: str, folder: str) -> None:
+        self.path, self.folder = Path(path), Path(folder).resolve()
+        self.log = read_recording(path)
+
+    def model(self, request: Request) -> Iterator[Head]:
+        """Name of the log; it has no numbers that can be moved."""
+        yield {
+            "end": True, "home": self.path.name, "title": f"recorded log {self.path}",
+            "doc": "", "text": None, "loops": [["log", ""]], "loop": "log", "scenario": "",
+            "sliders": [], "limits": {}, "controller": "", "ensemble": False,
+            "certificates": {"names": [], "why": "a recorded log has no gains"},
+            "tick": self.log.spacing, "folder": str(self.folder), "log": self.path.name,
+            "part": self._part(),
+        }  # fmt: skip
+
+    def _part(self) -> str:
+        """Part to replay, to begin with: of the first vehicle's file beside the log."""
+        found = sorted(self.folder.glob("*.toml"))
+        return f"{found[0].name}:LOOP.ctl" if found else "hst_braking:eppfc.ctl.filter"
+
+    def run(self, request: Request) -> Iterator[bytes | Head]:
+        """Columns of the log over time."""
+        curves, _ = curves_of_recording(self.log)
+        who = {"kind": "run", "id": request.get("id", 0), "loop": "log"}
+        yield frame({**who, "share": 1.0, "compiled": True, "seconds": 0.0}, curves)
+        yield {"end": True, "metrics": [], "command": ""}
+
+    def doubts(self, request: Request) -> Iterator[bytes | Head]:
+        """How the log was read, and what had to be decided."""
+        yield {"end": True, "warnings": curves_of_recording(self.log)[1]}
+
+    def command(self, request: Request) -> Iterator[bytes | Head]:
+        """Replay of a part of a loop over the log."""
+        from slipctl.workbench import command_lines
+
+        asked = str(request.get("command"))
+        if asked == "stop":
+            yield {"end": True, "command": asked, "said": "stopped"}
+            return
+        if asked != "replay":
+            raise BadInput(f"{asked[:40]} needs a loop; open a vehicle's file or a study")
+        words, out = command_lines.words_of_replay(
+            self.path, command_lines.word(request, "part", LOOP_OF_LOG),
+            self.folder / "out" / f"{self.path.stem}_replay", request,
+        )  # fmt: skip
+        said: Head = {}
+        for said in command_lines.run_command(words):
+            yield {"command": asked, **said} if "progress" in said else b""
+        yield from command_lines.told_replay(said, out, self.folder)
