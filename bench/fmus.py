@@ -25,8 +25,8 @@ from slipctl.ccode.check.comparison import expected_run
 from slipctl.ccode.check.vectors import expected_outputs
 from slipctl.ccode.compile.module import input_rows
 from slipctl.ccode.module.header import bit
+from slipctl.ccode.module.layout import c_elements
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.module.shapes import c_elements
 from slipctl.ccode.ship.fmu import VERSIONS
 from slipctl.ccode.ship.fmu_xml import Variable, is_plant, variables
 from slipctl.run import store

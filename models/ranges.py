@@ -63,6 +63,14 @@ def fit_ranged(
         "mu": (-2, 2, FRICTION),
     }  # fmt: skip
     rows |= {f"former_{n}": row for n, row in rows.items()}
+    hand = "a step is taken where it makes the cost less, which grows with its square"
+    rows |= {
+        "theta_now": (-1e6, 1e6, hand), "mean_now": (-1e6, 1e6, hand), "J": (0, 1e30, hand),
+        "squares": (0, 1e12, hand), "H": (-1e30, 1e30, hand), "r": (-1e30, 1e30, hand),
+        "left": (-1000, 1000, "iterations of a fit"), "sigma2": (0, 1e24, "the largest noise"),
+        "predicted_then": rows["predicted"], "residual_then": rows["residual"],
+        "told": rows["changed"], "recalled_then": rows["recalled"],
+    }  # fmt: skip
     return of_those(estimator, rows)
 
 

@@ -184,13 +184,14 @@ def _shifted(window: Any, newest: Any) -> Any:
     return vertcat(window[1:], newest) if window.shape[0] > 1 else newest
 
 
-def adhesion_meter(window: int = 16, torque: str = "held") -> Block:
+def adhesion_meter(window: int = 16, torque: str = "held", noise: bool = True) -> Block:
     """Make the meter of adhesion over a window of ticks.
 
     Args:
         window: ticks the means are taken over; 16 ms is the sample period of the speed bus.
         torque: ``"held"`` for a torque that is in force until the next tick, ``"sampled"`` for
             one that moves between ticks (a lag), which takes the trapezoid.
+        noise: whether it adds noise of its own, for a study; a product has none.
     """
     if window < 1 or window != int(window):
         raise BadInput(f"adhesion_meter(window={window}) takes a whole number of ticks >= 1")
@@ -244,4 +245,11 @@ def adhesion_meter(window: int = 16, torque: str = "held") -> Block:
         )
         return nxt, dict(mu_m=mu + sigma * n, v_s_m=mean_v)
 
-    return meter
+    if noise:
+        return meter
+    return Block(
+        meter.name, meter.kind,
+        lambda x, u, p: meter.expr(x, {**u, "n": 0.0}, {**p, "sigma": 0.0}),
+        [s for s in meter.signals if s.name not in ("n", "sigma")],
+        doc=meter.doc, choices=meter.choices,
+    )  # fmt: skip

@@ -23,7 +23,6 @@ from slipctl import (
     Input,
     Output,
     Param,
-    Signal,
     argmax,
     connect,
     every,
@@ -32,7 +31,6 @@ from slipctl import (
     make_block,
     replicate,
 )
-from slipctl.block.units.unit_algebra import unit
 from slipctl.estimate.model import unknown_parameters
 from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
@@ -48,6 +46,7 @@ from slipctl.models.vehicle.air.valve_control import (
     valves_at_rest,
 )
 from slipctl.models.vehicle.failure import trust
+from slipctl.models.vehicle.file_keys import of_the_wheel, with_keys
 from slipctl.models.vehicle.parts import (
     TICK,
     Air,
@@ -211,16 +210,8 @@ def fixed_reference(part: Reference) -> Block:
 # ---- all of one axle -----------------------------------------------------------------------------
 
 
-UNITS = {"J": "kg m^2", "r": "m", "m": "kg", "g": "m/s^2", "tau": "s", "T_max": "N m"}
-"""Units of a wheel's numbers: one of that name in another unit is a law's own."""
-
-
 INTEGRALS = {"pid": ("law.integral", -1.0)}
 """Laws that are not told the adhesion force: their integral, and its sign where braking is +."""
-
-
-def _of_the_wheel(s: Signal, name: str) -> bool:
-    return name not in UNITS or unit(s.unit).same(unit(UNITS[name]))
 
 
 def block_of_bits(trip: Trip, part: Controller) -> Block | None:
@@ -275,7 +266,7 @@ def slip_law(trip: Trip, part: Controller, w: Wheel) -> tuple[Block, bool]:
             )  # fmt: skip
         own = {"J": w.J, "r": w.r, "m": w.m, "g": w.g, "tau": w.tau, "T_max": w.T_max}
         fits = {n: v for n, v in own.items() if n in block.params and not block.params[n].derived
-                and _of_the_wheel(block.params[n], n)}  # fmt: skip
+                and of_the_wheel(block.params[n], n)}  # fmt: skip
         block = block.with_params(**fits)
     return block.with_params(**numbers_of(block, part.gains, "gains")), False
 
@@ -309,7 +300,8 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     each = numbers_of_each_axle(trip, part)
     copies = {
         name: replicate(block, axles, [n for n in block.inputs if f"{name}.{n}" in common],
-                        [n for n in block.params if f"{name}.{n}" in each])
+                        [n for n in block.params if f"{name}.{n}" in each],
+                        spread=trip.control.spread)
         for name, block in parts.items()
     }  # fmt: skip
     judge = trust(axles, driven, **of_inputs(trip, w))
@@ -325,7 +317,7 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     own |= {n: value for n, value in each.items() if n in block.params}
     if isinstance(trip.actuator, Air):  # the bits explain the torque, so its model has no lag
         own |= {"trust.tau": TICK, "trust.other": 0.15}
-    return at_period(block.with_params(**own), trip)
+    return at_period(with_keys(block.with_params(**own), getattr(part, "gains", {})), trip)
 
 
 def safe_output(trip: Trip) -> str | float:
@@ -391,7 +383,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
     always = type(trip.demand).__name__ == "Most"
     parts: dict[str, Block] = {
         "slip": slip_from_speeds(trip.vehicle.mode == "drive"),
-        "meter": sensors.adhesion_meter(window=ticks_of(WINDOW, trip), torque="sampled"),
+        "meter": sensors.adhesion_meter(ticks_of(WINDOW, trip), "sampled", noise=False),
         "force": form.force,
         "fall": form.fall,
         "law": contained_block(law_block if gated_inside else gated(law_block)),
@@ -436,6 +428,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
             reference.noise,
             ticks_of(WINDOW, trip),
             trip.control.period,
+            4 if trip.control.spread else 1,
         )
         inner = dict(given)
         peak = typical_slip(reference, trip.vehicle.speed)
@@ -470,10 +463,15 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
 
 @lru_cache(maxsize=8)
 def _searched(
-    curve: Block, begin: tuple[tuple[str, float], ...], noise: float, ticks: int, tick: float
+    curve: Block,
+    begin: tuple[tuple[str, float], ...],
+    noise: float,
+    ticks: int,
+    tick: float,
+    runs: int,
 ) -> tuple[Mapping[str, Block], Mapping[str, str]]:
     """Parts that find the best slip, and their wires; made once for all controllers of a trip."""
-    parts, wires = best_slip.search_parts(curve, dict(begin), noise, ticks, tick)
+    parts, wires = best_slip.search_parts(curve, dict(begin), noise, ticks, tick, runs)
     return parts | searched_ranges(parts, curve, dict(begin)), wires
 
 
@@ -500,7 +498,7 @@ def _numbers(block: Block, w: Wheel) -> dict[str, float]:
         part, _, last = name.rpartition(".")
         if s.derived or name in ("law.law.lead",):
             continue
-        if not _of_the_wheel(s, last):
+        if not of_the_wheel(s, last):
             continue
         if last == "m" and part == "meter":
             found[name] = w.W

@@ -59,7 +59,6 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
         "meter.omegas": (-5 * slip, 5 * slip, "that rim at the least radius"),
         "meter.torques": most,
         "meter.slips": slipping,
-        "meter.n": (-40, 40, "unit normal noise, none of which a controller has"),
         "meter.mu_m": (-1e3, 1e3, "a wheel that stops within a tick has a hundred"),
         "meter.v_s_m": slipping,
         "sample.mu": (-MEASURED, MEASURED, "it is limited"),

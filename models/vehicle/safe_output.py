@@ -88,7 +88,8 @@ def safe_command(mode: str | float, driven: bool = False) -> Block:
         held = logic_and(back <= 0, retry < 0.5)
         relied = all_hold([ready > 0.5, sound > 0.5, held, v >= v_off])
         rests = top if mode == "demand" else fmin(T_h if mode == "hold" else float(mode), top)
-        gives = if_else(logic_and(ready > 0.5, held) if driven else ready > 0.5, top, rests)
+        good = logic_and(ready > 0.5, held) if driven else ready > 0.5
+        gives = top if mode == "demand" else if_else(good, top, rests)
         wanted = if_else(relied, if_else(test > 0.5, 0, fmin(T_slip, top)), gives)
         # what is not slip control's own rises slowly, and so does its way back to the demand
         ramp = logic_and(logic_or(logic_not(relied), slow > 0.5), on < 0.5)
@@ -186,8 +187,8 @@ def begun_at_torque(block: Block, state: str, sign: float) -> Block:
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         held = {n: x[n] for n in block.states}
         held[state] = if_else(x["begun"] > 0.5, x[state], sign * u["T_begin"])
-        nxt, y = block.f(block.pack("state", held), block.pack("input", u), block.pack("param", p))
-        return block.unpack("state", nxt) | {"begun": 1}, block.unpack("output", y)
+        nxt, y = block.expr(held, {n: u[n] for n in block.inputs}, p)
+        return dict(nxt) | {"begun": 1}, y
 
     def rebuild(parts: dict[str, Block]) -> Block:
         return begun_at_torque(parts[block.name], state, sign)
@@ -198,7 +199,7 @@ def begun_at_torque(block: Block, state: str, sign: float) -> Block:
         block.name, "step", body,
         [*block.states.values(), begun, *block.inputs.values(), first, *block.params.values(),
          *block.outputs.values()],
-        period=block.period, sx=False,
+        period=block.period, sx=block.sx,
         doc=f"{block.doc}\n\nIts integral begins at the torque that the rail carries.",
         choices=block.choices | {"begins": state}, conditions=block.conditions,
         composition=Composition.around(block, rebuild),

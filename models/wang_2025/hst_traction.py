@@ -149,7 +149,8 @@ def resistance(
     """
     V = 3.6 * one("km s/(h m)") * v
     in_t = m * one("t/kg") / 1000
-    return (w_0 + w_1 * V + w_2 * V**2) * in_t * fmin(1, fmax(-1, v / v_0)) + m * g * slope
+    F_rolling = (w_0 + w_1 * V + w_2 * V**2) * in_t * fmin(1, fmax(-1, v / v_0))
+    return F_rolling + m * g * slope
 
 
 @law(

@@ -268,11 +268,13 @@ def classification(surfaces: int = 5) -> Block:
         the creep, the class is kept. Beyond its peak the adhesion falls, so only ``cut`` of what is
         left is allowed, which brings the wheel back.
         """
-        surface, off = 0, fabs(mu_hat - mu[0])
+        away = fabs(mu_hat - mu)
+        surface, off = 0, away[0]
         for i in range(1, surfaces):
-            nearer = fabs(mu_hat - mu[i])
-            surface, off = if_else(nearer < off, i, surface), fmin(nearer, off)
-        tell = logic_and(mmax(mu) - mmin(mu) >= blind, v_s * mu_hat > 0)
+            surface, off = if_else(away[i] < off, i, surface), fmin(away[i], off)
+        highest, lowest = mmax(mu), mmin(mu)
+        spread = highest - lowest
+        tell = logic_and(spread >= blind, v_s * mu_hat > 0)
         tell = logic_and(tell, fabs(v_s) >= least)
         surface = if_else(tell, surface, last)
         top, at = mu_max[0], v_best[0]

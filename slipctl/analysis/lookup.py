@@ -120,8 +120,9 @@ def _straight_lines(by: str, axis: str, rails: Sequence[str]) -> Callable[..., A
     def body(states: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         at = p[axis]
         before = ca.low(at, u[by])
-        wide = at[before + 1] - at[before]
-        share = ca.fmin(ca.fmax((u[by] - at[before]) / wide, 0.0), 1.0)
+        begin = at[before]
+        wide = at[before + 1] - begin
+        share = ca.fmin(ca.fmax((u[by] - begin) / wide, 0.0), 1.0)
         rest = 1 - share
 
         def between(heights: Any) -> Any:

@@ -258,14 +258,16 @@ def peak_gradient(law: Block, over: str, measured: str, unknown: Sequence[str]) 
     """Function (unknown, inputs, known) -> (g, curvature) at a peak along one input."""
     output = output_function(law, measured, unknown)
     sym: Any = ca.SX.sym if law.sx else ca.MX.sym
-    values, inputs, known = (sym("vik"[k], output.size1_in(k)) for k in range(3))
+    names = "values", "at", "known"
+    values, inputs, known = (sym(n, output.size1_in(k)) for k, n in enumerate(names))
     y, row = output(values, inputs, known)
     column = list(law.inputs).index(over)
     along = ca.jacobian(y, inputs)[:, column]
     curvature = ca.jacobian(along, inputs)[:, column]
     mixed = ca.jacobian(row, inputs)[:, column].T
     results = [ca.densify(-mixed / curvature), ca.densify(curvature)]
-    return ca.Function("peak_gradient", [values, inputs, known], results, {"cse": True})
+    return ca.Function("peak_gradient", [values, inputs, known], results, names,
+                       ("slopes", "curvature"), {"cse": True})  # fmt: skip
 
 
 def _deviation(g: np.ndarray, root: np.ndarray) -> float:

@@ -148,7 +148,7 @@ def trip(
         ),
         demand=Constant(force=FORCE * axles),
         sensors=Sensors(**sensors),
-        control=SlipControl(period=0.01, let_go=None if true_speed else 1.0),
+        control=SlipControl(period=0.01, let_go=None if true_speed else 1.0, spread=False),
         controllers=dict(rivals),
         ensemble=Drawn(seeds=True, patches=PATCHES),
     )  # fmt: skip

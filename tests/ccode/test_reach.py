@@ -102,7 +102,7 @@ def test_what_no_input_reaches_is_told(tmp_path: Path) -> None:
     [
         ("state->in_force = *param;", "", "tune that forgets"),
         ("return status;", "return 0;", "init that says nothing"),
-        ("if (!(state->guard.mark == 9240613.0)) {", "if (state->guard.mark == 1.0) {", "mark"),
+        ("if (state->guard.mark != INITIALISED) {", "if (state->guard.mark == 1U) {", "mark"),
         ("state->guard.refused = refused_next;", "", "no reset"),
     ],
 )  # fmt: skip

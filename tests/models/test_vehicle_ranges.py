@@ -131,6 +131,6 @@ def test_a_loop_that_sums_is_marked_once_for_the_proof(tmp_path, text):
     }
     assert any("loop unroll 2;" in t for t in made.values())
     done, many = function_proof.text_with_contracts("ctl", made, "double", plan.equations.functions)
-    assert many > 20
+    assert many >= 10  # those of numbers and vectors; a part is given structs
     lines = "\n".join(done.values()).splitlines()
     assert max(len(re.findall("loop unroll", line)) for line in lines) == 1

@@ -101,6 +101,13 @@ class SlipControl(Part):
     period: float = number(
         "s", TICK, "sample time of the controllers, in Python and in C", lo=TICK, hi=0.1
     )
+    spread: bool = text_field(
+        True,
+        (
+            "whether what does not run in every tick is spread over the ticks: one axle after"
+            " the other, and a fit in up to four runs"
+        ),
+    )
     wake: float = number(
         "1",
         0.5,

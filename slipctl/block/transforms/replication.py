@@ -13,6 +13,7 @@ from slipctl.block.block import Block, Exprs
 from slipctl.block.fields import Composition
 from slipctl.block.signals import Signal
 from slipctl.block.text.named_expressions import names_in
+from slipctl.block.transforms.discretisation import counters
 from slipctl.errors import BadInput, check_whole, nearest
 
 
@@ -22,6 +23,7 @@ def replicate(
     shared: Iterable[str] = (),
     distinct: Iterable[str] = (),
     axis: str = "axle",
+    spread: bool = False,
 ) -> Block:
     """Run n copies of a block side by side.
 
@@ -36,6 +38,8 @@ def replicate(
         shared: inputs that all copies have in common.
         distinct: parameters of which each copy has its own; derived ones that use them follow.
         axis: what the copies are; the dimension in logs.
+        spread: of a block under ``every``, run the copies in different ticks: the first run of copy
+            k comes ``k ticks // n`` later than that of the first one.
 
     Raises:
         BadInput: n is no whole number from 1 on, or an unknown name.
@@ -55,6 +59,7 @@ def replicate(
         signal_of_copies(s, n, axis) if s.role == "output" or s.name in wide else s
         for s in block.signals
     ]
+    signals = [_spread(s, block, n) for s in signals] if spread else signals
     given = [s for s in block.signals if s.role != "output"]
     made = [*block.states.values(), *block.outputs.values()]
     once = tuple(k for k, s in enumerate(given) if s.name not in wide)
@@ -79,7 +84,7 @@ def replicate(
         )
 
     def rebuild(parts: dict[str, Block]) -> Block:
-        return replicate(parts[block.name], n, shared, distinct, axis)
+        return replicate(parts[block.name], n, shared, distinct, axis, spread)
 
     return Block(
         block.name, block.kind, body, signals, period=block.period, sx=False,
@@ -87,6 +92,15 @@ def replicate(
         conditions=block.conditions,
         composition=Composition.around(block, rebuild, own=frozenset(own)),
     )  # fmt: skip
+
+
+def _spread(s: Signal, block: Block, n: int) -> Signal:
+    """Signal of copies; what counts the ticks of an ``every`` begins for each with its own."""
+    ticks = counters(block).get(s.name) if s.role == "state" else None
+    if ticks is None:
+        return s
+    begin = np.asarray(s.value) - np.arange(n) * ticks // n
+    return replace(s, value=begin % ticks)
 
 
 def with_derived(block: Block, names: Iterable[str]) -> list[str]:

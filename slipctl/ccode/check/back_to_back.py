@@ -14,8 +14,8 @@ from slipctl.ccode.check.vectors.misuse import misuse
 from slipctl.ccode.module import rates
 from slipctl.ccode.module.comments import ascii_text
 from slipctl.ccode.module.header import CONTENT, STATUS, bit, head
+from slipctl.ccode.module.layout import c_elements
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.module.shapes import c_elements
 
 ENOUGH, AT_LEAST = 2e10, 1000
 """Instructions after which a board has replayed enough, some minutes of emulation, and ticks that

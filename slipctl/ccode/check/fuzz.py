@@ -17,8 +17,8 @@ import numpy as np
 
 from slipctl.ccode.compile.compilers import version
 from slipctl.ccode.module import guard
+from slipctl.ccode.module.layout import c_elements
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.module.shapes import c_elements
 from slipctl.ccode.tree.expressions import number
 from slipctl.errors import BadInput, RunFailed
 

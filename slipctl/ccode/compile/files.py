@@ -9,9 +9,8 @@ import casadi as ca
 from slipctl.ccode.compile.board import BOARDS, COUNT, EMULATOR, LINK, RUN, TARGETS, TOOLS, machine
 from slipctl.ccode.module.comments import ascii_text
 from slipctl.ccode.module.header import CONTENT, head
-from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.layout import Member, constant
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.module.shapes import constant
 from slipctl.ccode.passes.precision import literal
 
 WARNINGS = (

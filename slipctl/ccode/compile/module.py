@@ -12,9 +12,8 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.ccode.compile.compilers import TOLD, compile_object, compilers, link
-from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.layout import Member, c_elements, matrix
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.module.shapes import c_elements, matrix
 from slipctl.ccode.passes.precision import size
 from slipctl.errors import BadInput, RunFailed, nearest
 

@@ -1,7 +1,8 @@
-"""What guards a step: rules for one number, written once, for C and for the run in Python.
+"""What guards a step: rules for one number, for C and for the run in Python.
 
 ``accept`` says what an input becomes, ``patience`` when states that stay refused are reset, and
-which. Both are CasADi Functions of scalars: Python calls them, and C has their text.
+which. Both are CasADi Functions of scalars, which Python calls. C has the text of ``patience``; its
+``accept`` is written by hand, with integers for the bits, and compared with this one tick by tick.
 """
 
 from __future__ import annotations
@@ -24,8 +25,10 @@ BAD_INPUT, BAD_RESULT, BAD_PARAM, OFF_RANGE, LIMITED, REFUSED, RESET, NO_INIT, T
 )
 """Bits of the status; ``header.STATUS`` says what they mean."""
 
-MARK = 9240613.0
+MARK_NAME = "INITIALISED"
 """What ``init`` leaves in a state; a step of a state without it is refused."""
+
+MARK_TEXT = f"#define {MARK_NAME} 9240613U /* what init leaves in a state */"
 
 PATIENCE = 10
 """Ticks refused in a row after which a part is reset, and after as many more the next one."""

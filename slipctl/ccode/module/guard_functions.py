@@ -219,10 +219,11 @@ def catch_up(plan: Plan) -> list[Node]:
     """Function that moves on the counters of parts that run every few ticks."""
     if not plan.counters:
         return []
-    lines = [
-        f"{m.at('x->', k)} = later({m.at('x->', k)}, missed, {number(float(ticks))});"
-        for m, ticks in plan.counters for k in range(m.size)
-    ]  # fmt: skip
+    lines = []
+    for m, ticks in plan.counters:
+        at = m.at("x->", 0) if m.size == 1 else f"x->{m.c}[k]"
+        line = f"{at} = later({at}, missed, {number(float(ticks))});"
+        lines.append(line if m.size == 1 else f"for (int k = 0; k < {m.size}; ++k) {{ {line} }}")
     what = comment(
         "Ticks that were refused count for the parts that run every few ticks: they go on in step"
         " with the others."

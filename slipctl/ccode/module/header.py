@@ -182,7 +182,7 @@ def _state(plan: Plan) -> str:
         *ages * bool(plan.n_in),
         f"    {real} refused; /* ticks refused in a row since the last good one or reset */",
         *[f"    {real} missed; /* ticks refused since the last good one */"] * bool(plan.counters),
-        f"    {real} mark; /* set by init, looked for by step */",
+        "    unsigned int mark; /* set by init, looked for by step */",
         "};",
         "",
     ]

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from slipctl.block.block import Block
-from slipctl.ccode.module.parts import Parts, Place, Wires
+from slipctl.ccode.module.parts import Parts
+from slipctl.ccode.module.wires import Place, Wires
 from slipctl.ccode.passes.precision import tolerant
 from slipctl.ccode.passes.scratch import Arrays, off_stack
 from slipctl.ccode.tree import nodes as c

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
+from typing import Any
+
+import casadi as ca
+import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.curves import places_of
@@ -84,6 +89,19 @@ class Member:
         """The same as a node."""
         return expression(self.at(pointer, k))
 
+    @property
+    def all(self) -> Member:
+        """What all copies have of it; itself where there are none."""
+        return self
+
+    def array(self, pointer: str) -> str:
+        """C expression of the array, or of the number."""
+        return f"{pointer}{self.c}"
+
+    def elements(self, k: int) -> list[int]:
+        """Numbers of element k, in the array of all."""
+        return [k]
+
     def address(self, pointer: str) -> str:
         """C expression of the address of its first element."""
         return f"&{pointer}{self.c}" if self.scalar else f"{pointer}{self.c}"
@@ -92,6 +110,50 @@ class Member:
         """Declaration inside a struct, by its C name or another, in this precision."""
         name = name or self.c
         return f"{real} {name};" if self.scalar else f"{real} {name}[{self.size}];"
+
+
+@dataclass(frozen=True)
+class Copy(Member):
+    """What one of several copies has of a member.
+
+    Attributes:
+        axis: what the copies are, and their index in C; 0 of one that is alone.
+        of: what all of them have.
+        local: pointer to the own elements, where there are several.
+    """
+
+    axis: str
+    of: Member
+    local: str = ""
+
+    @property
+    def all(self) -> Member:
+        """What all copies have of it."""
+        return self.of.all
+
+    def at(self, pointer: str, k: int) -> str:
+        """C expression of element k of the copy."""
+        if self.local:
+            return f"{self.local}[{k}]"
+        alone = self.size == self.of.size
+        return self.of.at(pointer, k) if alone else f"{self.of.array(pointer)}[{self.axis}]"
+
+    def array(self, pointer: str) -> str:
+        """C expression of the array that the elements of the copy are in."""
+        return self.local or self.of.array(pointer)
+
+    def elements(self, k: int) -> list[int]:
+        """Numbers of element k of each copy, in the array of all."""
+        own = range(k, self.of.size, self.size)
+        return [i for j in own for i in self.of.elements(j)]
+
+    def pointers(self, struct: str, const: bool) -> dict[str, str]:
+        """Declarations of the pointers that it needs, by their names."""
+        found = self.of.pointers(struct, const) if isinstance(self.of, Copy) else {}
+        if self.local:
+            start = f"&{self.of.array(struct)}[{self.size} * {self.axis}]"
+            found[self.local] = f"{'const ' * const}double *const {self.local} = {start};"
+        return found
 
 
 @dataclass(frozen=True)
@@ -222,3 +284,42 @@ def noise_text(s: Signal) -> str:
     """Noise of a signal in words, empty if none is declared."""
     own = [number(s.jitter)] * (s.jitter > 0)
     return " and ".join([*own, *(b.expression for b in s.bounds if b.what == "noise")])
+
+
+# ---- values in the shapes of C: dense, rows and columns, one after the other ---------------------
+
+
+def dense_value(block: Block, signal: Signal, value: Any) -> Any:
+    """One value, dense and in the shape that its signal declares, as the block packs it."""
+    rows, columns = matrix(signal)
+    if isinstance(value, (list, tuple)):
+        value = ca.vertcat(*value)
+    if not hasattr(value, "shape") or isinstance(value, np.ndarray):
+        value = ca.DM(np.asarray(value, dtype=float))
+    if tuple(value.shape) != (rows, columns):
+        if value.numel() == 1:
+            value = ca.repmat(value, rows, columns)
+        elif value.numel() == rows * columns:
+            value = ca.reshape(value, rows, columns)
+        else:
+            raise BadInput(
+                f"{block.name}.{signal.name} has shape {tuple(value.shape)}, declared"
+                f" {signal.shape}"
+            )
+    return ca.densify(value)
+
+
+def matrix(signal: Signal) -> tuple[int, int]:
+    """Rows and columns of a signal."""
+    s = signal.shape
+    return (s[0], s[1]) if len(s) == 2 else (math.prod(s), 1)
+
+
+def constant(signal: Signal, value: Any) -> np.ndarray:
+    """A constant in rows and columns."""
+    return np.broadcast_to(np.asarray(value, dtype=float), signal.shape).reshape(matrix(signal))
+
+
+def c_elements(m: Member, value: Any) -> np.ndarray:
+    """Elements of one value in the order of C: column by column."""
+    return constant(m.signal, value).ravel(order="F")

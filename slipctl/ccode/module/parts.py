@@ -8,46 +8,47 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.connection import evaluation_order
 from slipctl.block.signals import Signal
-from slipctl.block.transforms.discretisation import slower
 from slipctl.ccode.module.comments import FILE, comment, of_one_file, with_origins
-from slipctl.ccode.module.layout import Member, c_name
-from slipctl.ccode.module.shapes import dense_value
+from slipctl.ccode.module.layout import Copy, c_name, dense_value, matrix
+from slipctl.ccode.module.wires import (
+    NO_END,
+    POINTERS,
+    Place,
+    Wires,
+    array_of,
+    begins_anew,
+    copy_lines,
+    gate_of,
+    is_copies,
+    local_name,
+    named_equations,
+    own_pointers,
+    runs_of,
+    vector_of,
+)
 from slipctl.ccode.passes.letters import Told, letters
 from slipctl.ccode.passes.local_names import name_locals
 from slipctl.ccode.passes.member_results import copy_statements, place_locals
 from slipctl.ccode.passes.rolled_loops import roll_lines
 from slipctl.ccode.tree import nodes as c
-from slipctl.ccode.tree.expressions import ANY, FINITE, Unsupported, Writer, constant
+from slipctl.ccode.tree.expressions import ANY, FINITE, Unsupported, Writer, constant, number
 from slipctl.ccode.tree.functions import Functions
 from slipctl.ccode.tree.graph import free_name
+from slipctl.ccode.tree.loops import passed_on
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import code, expression
-from slipctl.ccode.tree.vectors import place
 
-POINTERS = ("in", "param", "derived", "state", "next", "now", "work")
-"""Structs that a part may be given."""
-
-Place = tuple[Member, str]
-"""A struct member and the pointer to it."""
-
-
-@dataclass(frozen=True)
-class Wires:
-    """Where the signals of a block lie: places by name."""
-
-    states: Mapping[str, Place]
-    following: Mapping[str, Place]
-    inputs: Mapping[str, Place | None]
-    params: Mapping[str, Place]
-    outputs: Mapping[str, Place]
+ARGUMENTS = 31
+"""Arguments of a C function at most; what would have more is written where it is called."""
 
 
 @dataclass
@@ -60,7 +61,8 @@ class Parts:
         can_be: what (C name, pointer, element) can be.
         made: function of each part by its C name.
         lines: the calls, in the order of the wires.
-        ticks: from one run of a part to the next, where it is not 1, by its C name.
+        ticks: from one run of a part to the next, where it is not 1, by its C name; of copies that
+            run in different ticks it is 1.
         results: for each (C name, pointer, element), what tells that two of them are one number.
     """
 
@@ -73,6 +75,7 @@ class Parts:
     results: dict[tuple[str, str, int], Node] = field(default_factory=dict)
     known: dict[tuple[str, str, int], int] = field(default_factory=dict)
     written: Iterator[int] = field(default_factory=itertools.count)
+    axes: list[str] = field(default_factory=list)
 
     # ---- composition ----------------------------------------------------------------------------
 
@@ -82,6 +85,9 @@ class Parts:
         Raises:
             Unsupported: an operation that is not written this way.
         """
+        if is_copies(block):
+            self._copies(block, path, wires)
+            return
         if not block.prefixed:
             self._function(block, path, wires, list(block.outputs), True)
             return
@@ -110,7 +116,7 @@ class Parts:
                 {n: wires.params[block.sharing.name(f"{b}.{n}")] for n in part.params},
                 {n: wires.outputs[f"{b}.{n}"] for n in part.outputs},
             )
-            if last and len(outputs) == len(part.outputs) and part.prefixed:
+            if last and len(outputs) == len(part.outputs) and (part.prefixed or is_copies(part)):
                 self.add(part, here, of_part)
             else:
                 self._function(part, here, of_part, outputs, last)
@@ -125,16 +131,74 @@ class Parts:
 
     def _copy(self, lines: list[Node], to: Place, source: Place) -> None:
         """Give an output the value of what stands elsewhere."""
-        lines += _moved(to, source)
+        lines += copy_lines(to, source)
         for k in range(to[0].size):
-            key = source[0].c, source[1], k
-            self.results[to[0].c, to[1], k] = self.results.get(key, source[0].node(source[1], k))
-            self.known[to[0].c, to[1], k] = self._can_be(source, k)
+            known = self._can_be(source, k)
+            own = source[0].node(source[1], k)
+            for i, j in zip(to[0].elements(k), source[0].elements(k), strict=False):
+                node = self.results.get((source[0].c, source[1], j), own)
+                self.results[to[0].c, to[1], i] = node
+                self.known[to[0].c, to[1], i] = known
 
     def _can_be(self, place: Place, k: int) -> int:
-        if place[1] == "now->":
-            return self.known.get((place[0].c, place[1], k), ANY)
+        m, pointer = place
+        if pointer == "now->":
+            return min(self.known.get((m.c, pointer, i), ANY) for i in m.elements(k))
         return self.can_be(place, k)
+
+    def _made(self, place: Place, k: int, node: Node, can_be: int | None = None) -> None:
+        """Remember what an element is, in each copy."""
+        m, pointer = place
+        for i in m.elements(k):
+            own = node if len(m.elements(k)) == 1 else c.name(f"{node} {i}")
+            self.results[m.c, pointer, i] = own
+            if can_be is not None:
+                self.known[m.c, pointer, i] = can_be
+
+    # ---- copies ---------------------------------------------------------------------------------
+
+    def _copies(self, block: Block, path: str, wires: Wires) -> None:
+        """Write one function for all copies, and the loop that calls it."""
+        (inner,) = block.parts.values()
+        n = int(block.choices["copies"])
+        axis = "0" if n == 1 else next((s.axis for s in block.outputs.values() if s.axis), "i")
+        outer = set(self.functions.pointers)
+        self.functions.reserved.add(axis)
+        self.functions.pointers.add(axis)
+        self.axes.append(axis)
+        before, self.lines = self.lines, []
+
+        def own(role: str, table: Mapping[str, Any]) -> dict[str, Any]:
+            found = {}
+            for n, place in table.items():
+                one = getattr(inner, role)[n]
+                found[n] = (
+                    self._copy_of(place, one, axis)
+                    if (place is not None and getattr(block, role)[n].shape != one.shape)
+                    else place
+                )
+            return found
+
+        self.add(inner, path, Wires(
+            own("states", wires.states), own("states", wires.following),
+            own("inputs", wires.inputs), own("params", wires.params),
+            own("outputs", wires.outputs),
+        ))  # fmt: skip
+        self.lines = [*before, *(self.lines if n == 1 else [c.loop(n, self.lines, by=axis)])]
+        self.axes.pop()
+        self.functions.reserved -= self.functions.pointers - outer
+        self.functions.pointers.intersection_update(outer)
+
+    def _copy_of(self, place: Place, one: Signal, axis: str) -> Place:
+        """Place of what one copy has, with a pointer of its own to several numbers."""
+        m, pointer = place
+        local = ""
+        if one.size > 1 and axis != "0":
+            told = c_name(one.name.rpartition(".")[2]) + "_next" * (pointer == "next->")
+            local = self.functions.take(told)
+            self.functions.pointers.add(local)
+        own = replace(m.signal, shape=one.shape, value=None, axis="")
+        return Copy(own, m.c, axis, m, local), pointer
 
     # ---- one part -------------------------------------------------------------------------------
 
@@ -153,20 +217,32 @@ class Parts:
         lines, file = of_one_file(lines)
         what = f"{path or block.name}: {_first(block.doc)}" if block.doc else path or block.name
         what += f" {FILE}{file}." if file else ""
+        lines = [*own_pointers(wires, outputs, c.variables(lines)), *lines]
         names = c.variables(lines)
         used = [p for p in POINTERS if p in names]
-        given = [self.types[p] for p in used] or [Node("declare", "void")]
+        given = [self.types[p] for p in used]
+        for axis in self.axes:
+            if axis in names:
+                used.append(axis)
+                given.append(c.declare("int", axis))
+        given = given or [Node("declare", "void")]
         self.made[name] = c.function("static void", name, given, lines, comment(what))
         self.lines.append(c.do(c.call(name, map(c.name, used))))
-        held = _every(block)
+        held = runs_of(block)
         if held is not None:
-            self.ticks[name] = held[1]
+            together = len(set(np.ravel(wires.states[held[2]][0].all.signal.value))) == 1
+            self.ticks[name] = held[1] if together else 1
 
     def _lines(
         self, block: Block, path: str, wires: Wires, outputs: Sequence[str], last: bool
     ) -> list[Node]:
-        held = _every(block)
-        if held is None or not last or len(outputs) < len(block.outputs):
+        held = runs_of(block)
+        whole = last and len(outputs) == len(block.outputs)
+        if whole and (gate := gate_of(block)):
+            return self._gated(block, path, wires, gate)
+        if whole and begins_anew(block):
+            return self._begun_anew(block, path, wires)
+        if held is None or not whole:
             return self._equations(block, wires, outputs, last)
         inner, n, counter, names = held
         tick = wires.states[counter]
@@ -184,13 +260,83 @@ class Parts:
         for h, k in names.items():
             self._forget(wires.following[h])
             self._copy(lines, wires.outputs[k], wires.following[h])
-        self.known[tick[0].c, "next->", 0] = FINITE
-        self.results[tick[0].c, "next->", 0] = expression(tick_next)
+        self._made(wires.following[counter], 0, expression(tick_next), FINITE)
         return lines
+
+    def _gated(self, block: Block, path: str, wires: Wires, gate: str) -> list[Node]:
+        """Statements of a block that runs while a signal is on; else it waits at its start."""
+        (inner,) = block.parts.values()
+        own = replace(wires, inputs={n: wires.inputs[n] for n in inner.inputs})
+        run = self._inside(inner, path, own, list(inner.outputs))
+        finite = self._finite()
+        rest = self._at_start(inner, own)
+        self._either(own, finite)
+        on = wires.inputs[gate]
+        value = constant(0.0) if on is None else on[0].node(on[1], 0)
+        return [c.branch(c.op(value, ">", constant(0.5)), run, rest)]
+
+    def _begun_anew(self, block: Block, path: str, wires: Wires) -> list[Node]:
+        """Statements of a block that begins anew where a next state leaves its range."""
+        (inner,) = block.parts.values()
+        (told,) = set(block.outputs) - set(inner.outputs)
+        own = replace(wires, outputs={n: wires.outputs[n] for n in inner.outputs})
+        lines = self._inside(inner, path, own, list(inner.outputs))
+        sound, now = c.name(c_name(told)), list[Node]()
+        tests = list[str]()
+        for n, place in own.following.items():
+            s = inner.states[n]
+            ends = [number(min(max(v, -NO_END), NO_END)) for v in (s.lo, s.hi)]
+            many = s.size > 1
+            x = c.index(array_of(place), c.name("i")) if many else array_of(place)
+            test = f"({ends[0]} <= {x}) && ({x} <= {ends[1]})"
+            if many:
+                body = code(f"{sound} = {sound} && ({test});")
+                now.append(c.loop(s.size, body))
+            else:
+                tests.append(f"({test})")
+        lines += code(f"bool {sound} = {' && '.join(tests) or 'true'};")
+        finite = self._finite()
+        rest = self._at_start(inner, own)
+        self._either(own, finite)
+        to = wires.outputs[told]
+        self._made(to, 0, to[0].node(to[1], 0), FINITE)
+        given = c.assign(to[0].node(to[1], 0), expression(f"{sound} ? 1.0 : 0.0"))
+        return [*lines, *now, c.branch(Node("unary", "!", (sound,)), rest), given]
+
+    def _at_start(self, inner: Block, wires: Wires) -> list[Node]:
+        """Statements that put the states of a block to their start, and its outputs to zero."""
+        symbols = {n: ca.SX.sym("p", *matrix(s)) for n, s in inner.params.items()}
+        start = inner.symbolic_start(symbols)
+        results = [dense_value(inner, s, ca.SX(start[n])) for n, s in inner.states.items()]
+        f = ca.Function("start", list(symbols.values()), results, {"cse": True})
+        targets = [(wires.following[n], f"{n} next") for n in inner.states]
+        lines = self._scalar(f, [wires.params[n] for n in inner.params], targets, Told(), [])
+        for n in inner.outputs:
+            m, _ = place = wires.outputs[n]
+            if m.size > 1:
+                lines.append(c.do(c.call("fill", [array_of(place), c.integer(m.size),
+                                                  constant(0.0)])))  # fmt: skip
+            else:
+                lines.append(c.assign(array_of(place), constant(0.0)))
+        return lines
+
+    def _finite(self) -> set[tuple[str, str, int]]:
+        """Results that are finite whatever comes."""
+        return {key for key, known in self.known.items() if known == FINITE}
+
+    def _either(self, wires: Wires, finite: set[tuple[str, str, int]]) -> None:
+        """What comes from one of two branches: known where it is known of both."""
+        for place in (*wires.following.values(), *wires.outputs.values()):
+            m, pointer = place
+            for k in range(m.size):
+                key = m.c, pointer, m.elements(k)[0]
+                both = key in finite and (
+                    pointer == "now->" or self.known.get(key) == FINITE)  # fmt: skip
+                self._made(place, k, m.node(pointer, k), FINITE if both else ANY)
 
     def _inside(self, inner: Block, path: str, wires: Wires, outputs: Sequence[str]) -> list[Node]:
         """Statements of a block that runs at times; parts of it are functions of their own."""
-        if not inner.prefixed:
+        if not inner.prefixed and not is_copies(inner):
             return self._lines(inner, path, wires, outputs, True)
         before, self.lines = self.lines, []
         self.add(inner, path, wires)
@@ -200,7 +346,7 @@ class Parts:
     def _forget(self, place: Place) -> None:
         """What comes from one of two branches is itself, and may be anything that either is."""
         for k in range(place[0].size):
-            self.results[place[0].c, place[1], k] = place[0].node(place[1], k)
+            self._made(place, k, place[0].node(place[1], k))
 
     def _equations(
         self, block: Block, wires: Wires, outputs: Sequence[str], last: bool
@@ -241,11 +387,11 @@ class Parts:
         page: Told, known: Sequence[Place],
     ) -> list[Node]:  # fmt: skip
         shown, places, part = len(targets), [*places, *known], next(self.written)
-        taken = self.functions.taken(f)
+        taken = self.functions.taken(f) | self.functions.pointers
         local: dict[tuple[int, int], str] = {}
         for i, ((m, _), name) in enumerate(targets):
             for k in range(m.size):
-                own = _local(name, "" if m.scalar else f"_{k}")
+                own = local_name(name, "" if m.scalar else f"_{k}")
                 local[i, k] = free_name(own, taken)
                 taken.add(local[i, k])
         for i, letter in page.names.items():
@@ -263,12 +409,10 @@ class Parts:
             (m, pointer), _ = targets[i]
             made = writer.result(node)
             lines.append(c.assign(expression(m.at(pointer, k)), made))
-            self.known[m.c, pointer, k] = writer.can_be[node]
-            self.results[m.c, pointer, k] = (
-                made if made.kind == "member" else c.name(f"{part} {node}")
-            )
+            told = made if made.kind == "member" else c.name(f"{part} {node}")
+            self._made(targets[i][0], k, told, writer.can_be[node])
         lines = roll_lines(copy_statements(lines), set(local.values()))
-        return with_origins(lines, _equations_of(local, targets, page))
+        return with_origins(lines, named_equations(local, targets, page))
 
     def _given(self, places: Sequence[Place | None], i: int, k: int) -> int:
         place = places[i]
@@ -279,15 +423,18 @@ class Parts:
         page: Told,
     ) -> list[Node]:  # fmt: skip
         sources = []
+        inner = passed_on(f)
+        if inner is not None and inner.n_in() + inner.n_out() > ARGUMENTS:
+            f = inner
         for i, at in enumerate(places):
             if at is None and f.nnz_in(i) > 1:
                 raise Unsupported("a vector that comes later")
-            sources.append(constant(0.0) if at is None else _base(at))
-        outputs = [_array(p) for p, _ in targets] + [None] * (f.n_out() - len(targets))
-        taken = self.functions.taken(f)
+            sources.append(constant(0.0) if at is None else vector_of(at))
+        outputs = [array_of(p) for p, _ in targets] + [None] * (f.n_out() - len(targets))
+        taken = self.functions.taken(f) | self.functions.pointers
         free: dict[int, str] = {}
         for i, (_, name) in enumerate(targets):
-            free[i] = free_name(_local(name), taken)
+            free[i] = free_name(local_name(name), taken)
             taken.add(free[i])
         for i, letter in page.names.items():
             free[i] = free_name(letter, taken)
@@ -298,66 +445,10 @@ class Parts:
         )  # fmt: skip
         for (m, pointer), _ in targets:
             for k in range(m.size):
-                self.results[m.c, pointer, k] = m.node(pointer, k)
+                self._made((m, pointer), k, m.node(pointer, k))
         return with_origins(
-            lines, _equations_of({(i, 0): name for i, name in free.items()}, targets, page)
+            lines, named_equations({(i, 0): name for i, name in free.items()}, targets, page)
         )
-
-
-def _equations_of(
-    local: Mapping[tuple[int, int], str], targets: Sequence[tuple[Place, str]], page: Told
-) -> dict[str, tuple[str, str]]:
-    """Name and place of each equation, by the C name that it gives a value to."""
-    found: dict[str, tuple[str, str]] = {}
-    for i, ((m, pointer), whole) in enumerate(targets):
-        name = whole.rpartition(".")[2]
-        origin = page.of_result(name.removesuffix(" next"))
-        told = name, origin
-        if origin:
-            found[f"{pointer}{m.c}"] = told
-            found |= {local[i, k]: told for k in range(m.size) if (i, k) in local}
-    for (i, _), own in local.items():
-        if i in page.names and page.origins[i]:
-            for c_or_array in (own, page.names[i]):
-                found.setdefault(c_or_array, (page.names[i], page.origins[i]))
-    return found
-
-
-def _local(name: str, element: str = "") -> str:
-    """Name of a local for a result, ``x next`` of a state; of an array with its element."""
-    last, _, following = name.rpartition(".")[2].partition(" ")
-    return f"{c_name(last)}{element}{'_next' * bool(following)}"
-
-
-def _array(place: Place) -> Node:
-    """The variable, or the array as a whole."""
-    m, pointer = place
-    return expression(f"{pointer}{m.c}" if m.size > 1 else m.at(pointer, 0))
-
-
-def _base(at: Place) -> Node:
-    """The variable, or the vector that lies in the array."""
-    return place(_array(at), 0) if at[0].size > 1 else _array(at)
-
-
-def _moved(to: Place, source: Place) -> list[Node]:
-    """Statements that copy a value."""
-    if to[0].size > 1:
-        return [c.do(c.call("copy", [_array(to), _array(source), c.integer(to[0].size)]))]
-    return [c.assign(_array(to), _array(source))]
-
-
-def _every(block: Block) -> tuple[Block, int, str, dict[str, str]] | None:
-    """Block inside an ``every``, its ticks, the counter, and held states by output."""
-    made = slower(block)
-    if made is None:
-        return None
-    counter, ticks = made
-    (inner,) = block.parts.values()
-    kept = [n for n in block.states if n not in inner.states and n != counter]
-    if len(kept) != len(inner.outputs) or list(inner.params) != list(block.params):
-        return None
-    return inner, ticks, counter, dict(zip(kept, inner.outputs, strict=True))
 
 
 def _first(doc: str) -> str:

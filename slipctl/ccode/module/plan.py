@@ -13,9 +13,8 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.block.transforms.discretisation import counters
 from slipctl.ccode.module.kernel import Kernel, by_parts, kernel
-from slipctl.ccode.module.layout import LOCAL, Layout, Member, layout
-from slipctl.ccode.module.parts import Place, Wires
-from slipctl.ccode.module.shapes import constant, dense_value, matrix
+from slipctl.ccode.module.layout import LOCAL, Layout, Member, constant, dense_value, layout, matrix
+from slipctl.ccode.module.wires import Place, Wires
 from slipctl.ccode.passes.precision import check_real, round_to_real, size
 from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import FINITE, NUMBER, Unsupported, Writer, number

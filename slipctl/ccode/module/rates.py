@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 from slipctl.ccode.module import guard
 from slipctl.ccode.module.comments import comment
-from slipctl.ccode.module.parts import POINTERS
 from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.module.wires import POINTERS
 from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import number
 from slipctl.ccode.tree.nodes import Node
@@ -49,9 +49,10 @@ def groups(plan: Plan) -> tuple[Group, ...]:
         raise BadInput(
             f"--rates: {plan.block.name} is written as a whole, not part by part; leave it out"
         )
-    rates = [made.ticks.get(line.parts[0].head, 1) for line in made.lines]
+    rates = [made.ticks.get(called_function(line), 1) for line in made.lines]
     if set(rates) <= {1}:
-        raise BadInput(f"--rates: all of {plan.block.name} runs in every tick; leave it out")
+        why = "; its copies run every few ticks, but each in another tick" * bool(plan.counters)
+        raise BadInput(f"--rates: all of {plan.block.name} runs in every tick{why}; leave it out")
     waits = _waits(made.lines, made.functions)
     orders = [_order(rates, waits, first) for first in dict.fromkeys(rates)]
     rows = [_rows(order, rates) for order in orders if order]
@@ -64,6 +65,11 @@ def groups(plan: Plan) -> tuple[Group, ...]:
         name += f"_{before + 1}" if before else ""
         found.append(Group(name, ticks, tuple(made.lines[k] for k in places)))
     return tuple(found)
+
+
+def called_function(line: Node) -> str:
+    """Function that a line of the equations calls, in a loop over copies too."""
+    return next((n.head for n in line.walk() if n.kind == "call"), "")
 
 
 def _rate(plan: Plan, ticks: int) -> str:
@@ -176,7 +182,8 @@ def rate_docs(plan: Plan) -> dict[str, str]:
     for k, g in enumerate(row):
         when = "every tick" if g.ticks == 1 else f"every {g.ticks}th tick"
         parts = (
-            ", ".join(x.parts[0].head for x in g.calls if x.parts[0].kind == "call") or "no part"
+            ", ".join(n for x in g.calls if (n := called_function(x)) not in ("", "copy"))
+            or "no part"
         )
         found[g.name] = (
             f"A piece of the tick: {parts}; for {when}. Together, in the order {listed}, they do"
@@ -287,7 +294,7 @@ def _go_on(plan: Plan, row: Sequence[Group], looked: Sequence[str]) -> Node:
         *(line for p, declared in struct.items() if p in used for line in declared),
         *["(void)in;"] * (not plan.layout.inputs and "in" not in used),
         "unsigned int status;",
-        if_(f"!(state->guard.mark == {number(guard.MARK)})",
+        if_(f"state->guard.mark != {guard.MARK_NAME}",
             f"return (unsigned int){big}_NO_INIT | (unsigned int){big}_REFUSED;"),
         if_("!((state->tick.done >= 1.0) && (state->tick.done < groups))", *begin),
         "status = (unsigned int)(int)state->tick.status;",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
+from typing import Any
 
 from slipctl.ccode.module import guard
 from slipctl.ccode.tree import nodes as c
@@ -20,7 +21,22 @@ _SMALL = {
         return told; }}""",
     "accept": """unsigned int accept(double value, double lo, double hi, double change,
         double noise, double stale, double *last, double *age) {
-        return (unsigned int)(int)bits; }""",
+        const bool first = *age < 0.0;
+        const double whole = floor(*age);
+        const bool unknown = first || (whole >= MEMORY_);
+        const bool anything = unknown || (change >= DBL_MAX);
+        const double way = fabs(value - *last);
+        const bool follows = anything || (way <= noise + change) || (*age <= whole);
+        const bool again = whole > 1.0; /* it was not good for a while before */
+        if ((value >= lo) && (value <= hi)
+            && (anything || (way <= noise + change * (whole + 1.0)))) {
+            *last = value;
+            *age = again ? (((whole > MEMORY_) ? MEMORY_ : whole) - 0.5) : 0.0;
+            return follows ? (again ? UNSURE_ : 0U) : OFF_RANGE_;
+        }
+        *age = unknown ? whole : (whole + 1.0);
+        return ((fabs(value) <= DBL_MAX) ? OFF_RANGE_ : BAD_INPUT_)
+            | ((first || (whole >= stale)) ? REFUSED_ : 0U); }""",
     "hand_over_all": f"""unsigned int hand_over_all(const double *value, int n, double *last) {{
         unsigned int told = 0U;
         {_EACH} {{ told |= hand_over(value[k], &last[k]); }}
@@ -59,13 +75,8 @@ _SMALL = {
 }
 """Small functions; one that calls another stands before it."""
 
-_RULES = {
+_RULES: dict[str, tuple[Any, list[str], list[str]]] = {
     "later": (guard.counter_after, ["tick", "missed", "ticks"], []),
-    "accept": (
-        guard.accept,
-        ["value", "*last", "*age", "lo", "hi", "change", "noise", "stale", "MEMORY_", "DBL_MAX"],
-        ["*last", "*age"],
-    ),
 }
 """Rules that come before what a function says: what they read and write."""
 

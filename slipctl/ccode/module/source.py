@@ -24,9 +24,8 @@ from slipctl.ccode.module.guard_functions import (
 )
 from slipctl.ccode.module.header import head, prototype, prototypes
 from slipctl.ccode.module.kernel import Kernel, definitions
-from slipctl.ccode.module.layout import Member, own_name
+from slipctl.ccode.module.layout import Member, c_elements, own_name
 from slipctl.ccode.module.plan import Plan, first_sentence
-from slipctl.ccode.module.shapes import c_elements
 from slipctl.ccode.module.small import small_functions
 from slipctl.ccode.passes.part_structs import nest_parts
 from slipctl.ccode.passes.precision import in_precision
@@ -57,10 +56,17 @@ def sources(plan: Plan, section: str | None = None) -> dict[str, str]:
     around += tick_counter.functions(plan, _hold_call(plan)) if plan.counter else []
     parts, around = nest_parts(plan.layout, plan.equations.functions, around)
     small = small_functions(parts.values())
-    remembered = {"MEMORY_": constant(guard.memory(plan.period, plan.stale))}
+    remembered = (
+        {"MEMORY_": constant(guard.memory(plan.period, plan.stale))}
+        | {
+            f"{bit}_": expression(f"(unsigned int){plan.layout.big}_{bit}")
+            for bit in ("OFF_RANGE", "BAD_INPUT", "REFUSED")
+        }
+        | {"UNSURE_": expression(f"{guard.UNSURE}U")}
+    )
     tests = c.swap_all(small_functions(around, small), remembered)
     of_ranges = {*plan.start.helpers, *plan.bound_helpers}
-    before = [c.raw(_NAN_IS_SEEN)]
+    before = [c.raw(_NAN_IS_SEEN), c.raw(guard.MARK_TEXT)]
     if plan.equations.copied:
         before.append(c.remark(
             "Functions casadi_... are copied from the templates of CasADi"
@@ -279,7 +285,7 @@ def _init(plan: Plan) -> list[Node]:
     n, big, lay = plan.name, plan.layout.big, plan.layout
     computed = any(m.signal.derived for m in lay.states)
     ages = f".age = {{{', '.join(['-1.0'] * plan.n_in)}}}"
-    untouched = [*[ages] * bool(plan.n_in), f".mark = {number(guard.MARK)}"]
+    untouched = [*[ages] * bool(plan.n_in), f".mark = {guard.MARK_NAME}"]
     lines: list[str | Node] = [f"int status = {n}_tune(param, state);"]
     start = "start(&state->in_force, &state->kept, 0)"
     if lay.params or computed:  # without any, none is refused
@@ -368,7 +374,7 @@ def _step(plan: Plan) -> list[Node]:
         lines.append(f"struct {n}_kept next;")
     nothing = ["start_outputs(out);"] if lay.outputs else ["out->unused = 0.0;"]
     lines.append(
-        if_(f"!(state->guard.mark == {number(guard.MARK)})", *nothing,
+        if_(f"state->guard.mark != {guard.MARK_NAME}", *nothing,
             f"return (int){big}_NO_INIT | (int){big}_REFUSED;")
     )  # fmt: skip
     lines.append(f"unsigned int status = {first};")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from slipctl.ccode.module import guard
 from slipctl.ccode.module.comments import comment
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.tree.expressions import number
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import define, if_
 from slipctl.ccode.tree.printer import signature
@@ -54,7 +53,7 @@ def functions(plan: Plan, hold: str) -> list[Node]:
     step = f"{n}_step(in, param, state, out)"
     lines: list[str | Node] = [
         "unsigned int status = 0U;",
-        if_(f"!(state->guard.mark == {number(guard.MARK)})", f"return {step};"),
+        if_(f"state->guard.mark != {guard.MARK_NAME}", f"return {step};"),
         if_(
             "state->counter.begun != 0U",
             "const unsigned int since = tick - state->counter.last;"

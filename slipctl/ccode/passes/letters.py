@@ -82,8 +82,8 @@ def letters(
         while outer is not None:
             depth, outer = depth + 1, outer.f_back
         codes.append((depth, frame.f_code))
-        for name, value in frame.f_locals.items():
-            if not isinstance(value, (ca.SX, ca.MX)) or name.startswith("_") or name in own:
+        for name, value in _expressions(frame.f_locals):
+            if name.startswith("_") or name in own:
                 continue
             if value.numel() and value.is_dense() and not value.is_symbolic():
                 found.append((depth, name, value, frame.f_code))
@@ -108,3 +108,12 @@ def letters(
 
     with watch_calls(watch):
         yield told
+
+
+def _expressions(found: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Expressions among local variables, and among what the object of a method keeps."""
+    for name, value in found.items():
+        if isinstance(value, (ca.SX, ca.MX)):
+            yield name, value
+        elif name == "self" and type(value).__module__.startswith("slipctl.models."):
+            yield from ((k, v) for k, v in vars(value).items() if isinstance(v, (ca.SX, ca.MX)))

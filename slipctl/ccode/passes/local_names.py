@@ -27,6 +27,7 @@ _CALLS = {
     "exp": "exp", "log": "log", "sqrt": "root", "fabs": "abs", "square": "square", "sin": "sin",
     "cos": "cos", "tan": "tan", "atan": "atan", "tanh": "tanh", "sign_of": "sign",
 }  # fmt: skip
+_TURNED = {"up_to": "from", "below": "above"}
 _STRUCTS = {"in", "param", "state", "next", "now"}
 
 
@@ -52,7 +53,26 @@ def name_locals(lines: Sequence[Node], part: str, taken: Iterable[str]) -> list[
         if said and said not in used:
             names[to.head] = c.name(said)
             used.add(said)
-    return c.swap_all(lines, names)
+    lines = c.swap_all(lines, names)
+    arrays = {}
+    for name, made in _filled(lines).items():
+        said = _said(made, part, set(), turned=True)
+        if said and said not in used:
+            arrays[name] = c.name(said)
+            used.add(said)
+    return c.swap_all(lines, arrays)
+
+
+def _filled(lines: Sequence[Node]) -> dict[str, Node]:
+    """What an anonymous array is filled with by one statement in a loop, without the indices."""
+    found: dict[str, list[Node]] = {}
+    for n in (n for line in lines for n in line.walk()):
+        if n.kind == "op" and n.head == "=" and _is_letter(n.parts[0].base, "a") and (
+            n.parts[0].kind == "index" and n.parts[0].parts[1].kind == "name"
+        ):  # fmt: skip
+            found.setdefault(n.parts[0].base.head, []).append(n.parts[1].change(
+                lambda x: x.base if x.kind == "index" else None))  # fmt: skip
+    return {name: values[0] for name, values in found.items() if len(values) == 1}
 
 
 def with_inside(f: ca.Function, taken: Iterable[str]) -> tuple[ca.Function, dict[Any, str]]:
@@ -88,9 +108,11 @@ def _anonymous(name: str) -> bool:
     return letters.isalpha() and letters != name
 
 
-def _said(made: Node, part: str, derived: Collection[str]) -> str:
+def _said(made: Node, part: str, derived: Collection[str], turned: bool = False) -> str:
     """Words for an expression; none if it is long or of what has no name of the model."""
     words = _words(made, part, derived)
+    if turned and len(words) == 3 and words[0][:1].isdigit() and words[1] in _TURNED:
+        words = [words[2], _TURNED[words[1]], words[0]]
     if len(words) == 3 and words[1] == "times" and words[0][:1].isdigit():
         words.reverse()
     said = "_".join(words)

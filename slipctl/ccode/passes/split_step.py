@@ -10,7 +10,6 @@ from slipctl.ccode.module.header import prototypes
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.tree import nodes as c
-from slipctl.ccode.tree.expressions import number
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import define, expression, if_
 
@@ -85,7 +84,7 @@ def prepare(plan: Plan) -> list[Node]:
     lines: list[str | Node] = ["(void)param; /* those in force are used */"]
     lines += [f"{n}_out now;"] + [f"struct {n}_kept next;"] * (not plan.next_in_state)
     lines.append(f"const {n}_param *const used = &state->in_force;")
-    unset = f"!(state->guard.mark == {number(guard.MARK)})"
+    unset = f"state->guard.mark != {guard.MARK_NAME}"
     lines.append(if_(unset, f"return (int){big}_NO_INIT | {refused};"))
     lines += [line.change(rule) for line in ends]
     if good:

@@ -17,9 +17,8 @@ from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.ccode.compile.files import c_number, start_elements
 from slipctl.ccode.module.guard_functions import range_condition
 from slipctl.ccode.module.header import head
-from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.layout import Member, dense_value, matrix
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.module.shapes import dense_value, matrix
 from slipctl.ccode.module.small import small_functions
 from slipctl.ccode.passes.part_structs import nest_states
 from slipctl.ccode.passes.precision import in_precision

@@ -6,10 +6,9 @@ from slipctl.block.text.failures import FAILURE_HEAD, failures_of
 from slipctl.ccode.compile.board import EMULATOR, TARGETS, TOOLS
 from slipctl.ccode.compile.files import TOOLCHAIN
 from slipctl.ccode.module.header import CONTENT, memory, statuses
-from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.layout import Member, c_elements
 from slipctl.ccode.module.plan import Plan, first_sentence
 from slipctl.ccode.module.rates import groups
-from slipctl.ccode.module.shapes import c_elements
 from slipctl.ccode.ship.readable import table
 from slipctl.ccode.tree.expressions import number
 

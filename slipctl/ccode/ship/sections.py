@@ -7,9 +7,8 @@ import re
 from slipctl.ccode.compile.files import c_number
 from slipctl.ccode.module.comments import comment
 from slipctl.ccode.module.header import head
-from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.layout import Member, c_elements
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.module.shapes import c_elements
 from slipctl.ccode.passes.sections import attribute
 from slipctl.errors import BadInput
 

@@ -52,6 +52,7 @@ class Functions:
         names: C name by serialised Function.
         letters: names that locals have from the model.
         reserved: names that are taken.
+        pointers: those of them that are locals of a part; a function that it calls may have them.
         repeats: what Functions do again and again, if that is all, by their hash.
     """
 
@@ -62,6 +63,7 @@ class Functions:
     names: dict[str, str] = field(default_factory=dict)
     letters: set[str] = field(default_factory=set)
     reserved: set[str] = field(default_factory=lambda: {*LOCAL, *KEYWORDS, *HELPERS})
+    pointers: set[str] = field(default_factory=set)
     repeats: dict[int, tuple[ca.Function, Again | None]] = field(default_factory=dict)
 
     def name(self, f: ca.Function) -> str:
@@ -86,7 +88,7 @@ class Functions:
 
     def taken(self, f: ca.Function) -> set[str]:
         """Names that no local of a Function may have."""
-        return {*self.reserved, *(g.name() for g in f.find_functions())}
+        return {*(self.reserved - self.pointers), *(g.name() for g in f.find_functions())}
 
     # ---- one function ---------------------------------------------------------------------------
 

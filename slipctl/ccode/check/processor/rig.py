@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from slipctl.ccode.compile import targets
+from slipctl.ccode.module.layout import c_elements
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.module.shapes import c_elements
 from slipctl.ccode.passes.precision import size
 from slipctl.errors import RunFailed
 

@@ -34,7 +34,7 @@ HARNESS = "harness.c"
 
 _WRITTEN_OUT = {
     "(x >= lo) && (x <= hi)": "(x == x) && (x >= lo) && (x <= hi)",
-    "((lo <= value) && (value <= hi))": "((value == value) && (lo <= value) && (value <= hi))",
+    "if ((value >= lo) && (value <= hi)": "if ((value == value) && (value >= lo) && (value <= hi)",
     "((at > -1.0) &&": "((at == at) && (at > -1.0) &&",
     "((at > -1.0f) &&": "((at == at) && (at > -1.0f) &&",
     "if ((*x >= lo) && (*x <= hi)) {": "if ((*x == *x) && (*x >= lo) && (*x <= hi)) {",

@@ -21,8 +21,8 @@ from slipctl.ccode.check.comparison import expected_run
 from slipctl.ccode.check.vectors.expected_outputs import Expected
 from slipctl.ccode.check.vectors.misuse import input_travel
 from slipctl.ccode.compile import compilers as cc
+from slipctl.ccode.module.layout import c_elements
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.module.shapes import c_elements
 from slipctl.errors import BadInput, RunFailed
 
 WATCHED = ("-O0", "-fsanitize-coverage=trace-pc", "-finstrument-functions")

@@ -1,0 +1,102 @@
+"""The C of a vehicle file: few arguments, members by their names, one function for all axles."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from casadi import fmax, fmin
+
+from slipctl import Block, Input, Output, Param, State, connect, every, gated, replicate, step
+from slipctl.ccode.codegen import check
+from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.module.source import sources
+from slipctl.models import vehicle
+from slipctl.models.vehicle.safe_output import contained_block
+from slipctl.study.request import Request
+
+ARGUMENTS, SUBSCRIPTS, LINES = 31, 10, 1500
+"""At most: of a function, ``x[25]`` of vectors without a name in a module, lines of its source."""
+
+_UNNAMED = re.compile(r"(?<![\w>.])(?:[xupnyh]|[a-z]\d+)\[\d+\]")
+_HEAD = re.compile(r"^static [\w ]+?\*?(\w+)\(([^{;]*?)\)\n?\s*\{", re.MULTILINE)
+_DECLARED = re.compile(r"^\s*(?:static )?(?:const )?(?:double|bool|int) [^=(]*;$", re.MULTILINE)
+
+
+@pytest.fixture(scope="module", params=["pid", "super_twisting"])
+def text(request: pytest.FixtureRequest) -> str:
+    file = Path(vehicle.__file__).parent / "files" / "metro.toml"
+    asked = Request.read(f"{file}:{request.param}", [])
+    plan = Plan(asked.chosen[0][asked.study.controller], "metro")
+    return "".join(sources(plan).values())
+
+
+def test_a_function_has_as_many_arguments_as_those_of_the_papers(text: str) -> None:
+    given = {m[1]: m[2].count(",") + 1 for m in _HEAD.finditer(text)}
+    assert {"trust", "meter", "estimator"} <= set(given)
+    assert max(given.values()) <= ARGUMENTS
+
+
+def test_members_are_read_by_their_names(text: str) -> None:
+    assert len(_UNNAMED.findall(_DECLARED.sub("", text))) <= SUBSCRIPTS
+
+
+def test_axles_share_one_function_that_is_called_in_a_loop(text: str) -> None:
+    assert re.search(r"static void meter\([^{;]*int axle\)", text)
+    loops = re.findall(r"for \(int axle = 0; axle < 4; \+\+axle\) \{\s*(\w+)\(", text)
+    assert {"slip", "meter", "estimator", "search", "probe", "law"} <= set(loops)
+
+
+def test_the_source_is_no_longer(text: str) -> None:
+    assert text.count("\n") <= 2 * LINES  # parts and module
+
+
+def _box(most: float) -> Block:
+    @step(
+        period=0.01, y=Output("1", "sum", lo=-1e6, hi=1e6),
+        z=Output("1", "all", shape=(3,), lo=-1e6, hi=1e6),
+    )  # fmt: skip
+    def box(
+        kept=State("1", 0.5, "kept", shape=(3,), lo=-most, hi=most),
+        last=State("1", "begin", "last", lo=-10, hi=10),
+        v=Input("1", "in", lo=-5, hi=5),
+        w=Input("1", "in", shape=(3,), lo=-5, hi=5),
+        k=Param("1", 0.3, "gain", lo=0, hi=1),
+        begin=Param("1", 0.25, "start", lo=-1, hi=1),
+    ):
+        """Box."""
+        following = [k * kept[i] + (1 - k) * w[i] for i in range(3)]
+        total = following[0] + v * following[1] - last
+        return dict(kept=following, last=k * fmin(fmax(v, -5), 5)), dict(
+            y=total, z=[total * f for f in following]
+        )
+
+    return box
+
+
+MADE = (
+    lambda b: replicate(b, 3, ["v"]),
+    lambda b: replicate(b, 3, distinct=["k"]),
+    lambda b: replicate(every(b, 3, 1), 4),
+    lambda b: every(replicate(b, 2, ["w"]), 3),
+    lambda b: replicate(gated(b), 3),
+    lambda b: replicate(every(gated(b), 2), 2, ["on"]),
+    lambda b: replicate(replicate(b, 3, ["v"], axis="wheel"), 2),
+    lambda b: replicate(replicate(b, 1), 2),
+    lambda b: replicate(connect("two", {"b.v": "a.y", "b.w": "a.z", "y": "b.y"}, a=b, b=b), 3),
+    lambda b: replicate(contained_block(gated(b)), 2),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("made", MADE)
+def test_copies_do_what_they_do_in_python_to_the_bit(made, tmp_path: Path) -> None:
+    leaves = made is MADE[-1]
+    block = made(_box(2.0 if leaves else 1e9))
+    rng = np.random.default_rng(1)
+    inputs = {n: rng.uniform(-5, 5, (40, *s.shape)) for n, s in block.inputs.items()}
+    inputs |= {n: (v > -2.0) * 1.0 for n, v in inputs.items() if n == "on"}
+    found = check(block, inputs, tmp_path, name="ctl")
+    assert found["passed"]
+    assert all(s["absolute"] == 0 for s in found["signals"].values())
