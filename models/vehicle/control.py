@@ -15,19 +15,16 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from casadi import fabs, fmax, fmin
 
 from slipctl import (
     BadInput,
     Block,
-    Input,
     Output,
     Param,
     argmax,
     connect,
     every,
     gated,
-    law,
     make_block,
     replicate,
 )
@@ -46,7 +43,6 @@ from slipctl.models.vehicle.air.valve_control import (
     valves_at_rest,
 )
 from slipctl.models.vehicle.failure import trust
-from slipctl.models.vehicle.file_keys import of_the_wheel, with_keys
 from slipctl.models.vehicle.parts import (
     TICK,
     Air,
@@ -66,6 +62,7 @@ from slipctl.models.vehicle.parts import (
     Trip,
     torque_of,
 )
+from slipctl.models.vehicle.parts.file_keys import of_the_wheel, with_keys
 from slipctl.models.vehicle.ranges import of_inputs, searched_ranges, with_control_ranges
 from slipctl.models.vehicle.safe_output import (
     begun_at_torque,
@@ -75,6 +72,7 @@ from slipctl.models.vehicle.safe_output import (
     safe_command,
     sample,
 )
+from slipctl.models.vehicle.slip.fixed_reference import fixed_reference
 from slipctl.models.vehicle.slip.scheduled_pi import scheduled_pi
 from slipctl.models.vehicle.slip.takeover import (
     applied,
@@ -166,45 +164,6 @@ def law_and_guess(part: Searched) -> tuple[Block, dict[str, float]]:
     else:
         begin = {n: float(curve.params[n].value) for n in names}
     return curve, {n: begin.get(n, float(curve.params[n].value)) for n in names}
-
-
-# ---- what comes before and after a law -----------------------------------------------------------
-
-
-def fixed_reference(part: Reference) -> Block:
-    """Make a reference that nothing searches: a slip speed, or a share of the vehicle's speed."""
-    if isinstance(part, SlipSpeed):
-
-        @law(
-            v_best=Output("m/s", "slip to go to", positive="braking", per="speed"),
-            name="reference",
-        )
-        def speed(
-            slip=Param("m/s", part.slip, "slip to hold", "of the trip", lo=0.01, hi=20),
-            v=Input("m/s", "measured vehicle speed"),
-        ):
-            """A fixed slip speed, which cannot be above the speed of the vehicle."""
-            return fmin(slip, fmax(fabs(v), 0.01))
-
-        return speed
-    assert isinstance(part, SlipRatio)
-    share, bottom = part.each[0], part.least  # each axle gets its own, see vehicle_control
-
-    @law(
-        v_best=Output("m/s", "slip to go to", positive="braking", per="speed"),
-        name="reference",
-    )
-    def ratio(
-        slip=Param("1", share, "slip over speed", "of the trip", lo=1e-3, hi=0.9),
-        least=Param(
-            "m/s", bottom, "slip that it does not fall below", "of the trip", lo=0.01, hi=20
-        ),
-        v=Input("m/s", "measured vehicle speed"),
-    ):
-        """A fixed share of the vehicle's speed."""
-        return fmax(slip * fabs(v), least)
-
-    return ratio
 
 
 # ---- all of one axle -----------------------------------------------------------------------------

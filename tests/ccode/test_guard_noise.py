@@ -133,7 +133,7 @@ def test_what_is_no_noise_is_refused():
         (dict(change=1, noise=-0.5), "noise = -0.5 is no finite number from 0 on"),
         (dict(change=1, noise=np.inf), "noise = inf"),
         (dict(change=1, noise=np.nan), "noise is NaN"),
-        (dict(noise=0.5), "noise is what is beside a largest change; give change, too"),
+        (dict(noise=0.5), "noise widens the limit on the change of a tick; give change, too"),
         (dict(noise="s"), "give change, too"),
         (dict(change="a", noise="s +"), "'s \\+' is not an expression"),
     ):

@@ -283,7 +283,7 @@ def test_letters_that_the_terminal_lacks_lose_nothing() -> None:
 @pytest.mark.parametrize("out", ["x" * 300, "a/" + "x" * 300, os.fsdecode(b"\xff\xfe")])
 def test_a_folder_that_cannot_be_made_is_refused_before_the_run(out: str, capsys) -> None:
     assert main(["run", TOY, "--quick", "--out", out]) == 2
-    assert "cannot write to" in capsys.readouterr().err
+    assert "cannot write " in capsys.readouterr().err
     assert not list(Path.cwd().iterdir())
 
 

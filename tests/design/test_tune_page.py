@@ -68,7 +68,7 @@ def test_the_differences_are_told_for_each_objective(one: Tuned, two: Tuned) -> 
     assert len(page.differences(two)) == 2
     for found in (one, two):
         for line, its in zip(page.differences(found), found.judged.each, strict=True):
-            mean, error = (float(x) for x in re.findall(r"(\S+) \+- (\S+) \(standard", line)[0])
+            mean, error = (float(x) for x in re.findall(r"(\S+) \+- (\S+).* \(standard", line)[0])
             assert mean == pytest.approx(its.difference, rel=1e-3)
             assert error == pytest.approx(its.error, rel=0.06)
             assert ("more than" in line) == (abs(its.difference) > 2 * its.error)

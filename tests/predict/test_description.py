@@ -61,7 +61,7 @@ def test_the_problem_is_told_with_its_parts():
         make(solver="ipopt")
         .with_params(u_hi=7.0)
         .composition.solves[0][-1][1]
-        .startswith("ipopt, to the end")
+        .startswith("ipopt, to convergence")
     )
 
 

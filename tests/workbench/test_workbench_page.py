@@ -16,7 +16,7 @@ from browser import Browser, executable
 from test_workbench_server import serving
 
 from slipctl import registry
-from slipctl.workbench.web.windows import Opening
+from slipctl.workbench.sources.openings import Opening
 
 pytestmark = [
     pytest.mark.second,
@@ -125,6 +125,8 @@ def test_the_worst_disturbance_is_run_on_a_click(study, pictures):
     study.wait("document.getElementById('worst')", 60)
     study.click("#worst")
     study.wait("document.getElementById('worst-words').textContent.length > 10", 60)
+    words = study.run("document.getElementById('worst-words').textContent")
+    assert "Traceback" not in words
     study.picture(pictures / "worst.png")
 
 

@@ -23,9 +23,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from slipctl import BadInput
+from slipctl.workbench.sources.openings import Opening
 from slipctl.workbench.web.guard import BURST, LONGEST, POLICY, Bucket, Guard
 from slipctl.workbench.web.server import Server, page_files
-from slipctl.workbench.web.windows import Opening
 
 WINDOW = "ab" * 16
 

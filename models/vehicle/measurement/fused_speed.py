@@ -9,8 +9,8 @@ true speed by a_max less the true deceleration, each second, and says so by its 
 The filter has the speed and what the accelerometer reads wrong: its bias and the slope that it
 feels. An axle speaks with the weight that its slip leaves it. One that is let go and has run up
 rolls. One that is ahead of the estimate pulls it up: a braked wheel is never faster than its
-vehicle. One that is braked and agrees in speed and acceleration has its creep as deviation, unless
-slip control holds it: a slip of 2 % agrees too, and would pull the estimate down with it. All
+vehicle. One that is braked and agrees in speed and acceleration has its creep as deviation. One
+that slip control holds is left out: a slip of 2 % agrees too, and would pull the estimate down. All
 others say nothing. Axles err alike, by creep and radius, so their weights are not summed: together
 they speak as loud as the best of them. While none speaks, the deviation grows by what the
 accelerometer may be wrong. The bound is three deviations and the creep.

@@ -192,7 +192,7 @@ def _estimated(loop: Block, s: Signal, text: str, name: str) -> str:
     own = {n.rpartition(".")[0] for n in loop.states if loop.states[n].truth}
     truth = meant_signal(loop, text, own)
     signal = (loop.outputs.get(truth) or loop.declared(truth)) if truth else None
-    doc = signal.doc.partition(",")[0] if signal else ""
+    doc = signal.doc.partition(",")[0].rpartition(": ")[2] if signal else ""
     return doc or text
 
 

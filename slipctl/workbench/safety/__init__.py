@@ -1,1 +1,1 @@
-"""How safe: certificates of a loop, regions of its gains, worst runs."""
+"""How safe is it: which certificates, regions of gains and worst runs has a loop?"""

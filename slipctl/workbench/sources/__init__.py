@@ -1,1 +1,1 @@
-"""What can be open: a file, study or loop, a folder of a sweep, a recorded log."""
+"""What can be open? A file, study or loop, a folder of a sweep, a recorded log."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,6 @@ from slipctl import registry
 from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.study.request import Request
-from slipctl.workbench.web.windows import Opening
 
 if TYPE_CHECKING:
     from slipctl.workbench.answers import Answers
@@ -19,6 +19,26 @@ EXAMPLE = "metro.toml"
 """What is opened when nothing is named."""
 
 LOOP_OF_LOG = "a part of a loop, such as metro.toml:pid.ctl"
+
+
+PATIENCE = 20.0
+"""Seconds that a piece of work may take; the process is ended then, and a new one begins."""
+
+
+@dataclass(frozen=True)
+class Opening:
+    """What is open, and how.
+
+    Attributes:
+        name: file, study or loop. folder: where files are written. files: Python files that may be
+            imported. compile: compile loops. patience: seconds that a piece of work may take.
+    """
+
+    name: str
+    folder: str
+    files: tuple[str, ...] = ()
+    compile: bool = True
+    patience: float = PATIENCE
 
 
 def opening_of_name(name: str = "", files: Sequence[str] = (), compile: bool = True) -> Opening:

@@ -12,34 +12,16 @@ from typing import Any
 
 from slipctl.workbench.curves import frame
 from slipctl.workbench.questions import KINDS, LANES
-
-PATIENCE = 20.0
-"""Seconds that a piece of work may take; the process is ended then, and a new one begins."""
+from slipctl.workbench.sources.openings import Opening
 
 LIMITS = {"slow": 300.0, "command": math.inf}
-"""The same, of work that compiles or counts; a command ends when it is stopped."""
+"""Seconds that work may take which compiles or counts; a command ends when it is stopped."""
 
 MOST_LOST = 3
 """Processes that may end one after the other before one has answered; no more are begun."""
 
 Send = Callable[[str, bytes], None]
 """Called, from a thread, with the kind of an answer and its frame."""
-
-
-@dataclass(frozen=True)
-class Opening:
-    """What is open, and how.
-
-    Attributes:
-        name: file, study or loop. folder: where files are written. files: Python files that may be
-            imported. compile: compile loops. patience: seconds that a piece of work may take.
-    """
-
-    name: str
-    folder: str
-    files: tuple[str, ...] = ()
-    compile: bool = True
-    patience: float = PATIENCE
 
 
 def _serve(*given: Any) -> None:
