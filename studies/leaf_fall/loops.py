@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
-from slipctl import Case
+from slipctl import Block, Case
 from slipctl.models.vehicle import Trip, case
 from slipctl.models.vehicle.contamination import patches_of_seed
 from slipctl.models.vehicle.study import signals_of_trip
 from slipctl.models.vehicle.trip import CLEAN, clean_case
+from slipctl.run.results import Loops
 from slipctl.run.sweep.ensemble import Ensemble
 from slipctl.studies.leaf_fall.trains import MEDIUM, PATCHES, trip
 
@@ -37,6 +39,13 @@ def measured(made: Trip, name: str) -> Case:
     return replace(found, log=KEPT, every=ROWS, known=known)
 
 
+def _loop_that_knows(loops: Loops, name: str, tau: float) -> Block:
+    """A loop whose law knows how strongly wheels clean, if it asks for that."""
+    loop, strength = loops[name], "ctl.reference.strength"
+    knows = strength in loop.params and float(loop.params["ctl.reference.caution"].value) > 0
+    return loop.with_params(**{strength: tau}) if knows else loop
+
+
 def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
     """Leaves that are cleaned weakly, then better, and the rail without them."""
     made = trip()
@@ -49,9 +58,10 @@ def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:
         name="medium", params={**old.params, "plant.field.tau": MEDIUM},
         doc="the same where a joule cleans three times as much",
     )  # fmt: skip
+    knowing = Loops({k: partial(_loop_that_knows, base.loops, k, MEDIUM) for k in base.loops})
     return [
         replace(base, scenario=old.but(doc="300 m of leaves that clean weakly")),
-        replace(base, scenario=medium),
+        replace(base, scenario=medium, loops=knowing),
         replace(clean_case(made, base), clean=""),
     ]
 

@@ -193,7 +193,7 @@ def fused_speed(
         speed: at the start in m/s.
 
     Returns:
-        Step from ``omega``, ``torque``, ``held`` and ``a`` to ``v_m``, ``error`` and ``sound``.
+        Step from ``omega``, ``torque``, ``controlled``, ``a`` to ``v_m``, ``error``, ``sound``.
     """
     sigma = 0.05
     kalman = ekf(
@@ -204,7 +204,7 @@ def fused_speed(
     )  # fmt: skip
     wires = {
         "axles.omega": "omega", "axles.torque": "torque", "axles.a": "a",
-        "axles.held": "held",
+        "axles.held": "controlled",
         "axles.v": "filter.held_v", "axles.b": "filter.held_b", "axles.P": "filter.P_v",
         "filter.a": "a", "filter.z": "axles.z", "filter.weight": "axles.weight",
         "bound.v": "filter.v", "bound.P": "filter.variance_v", "v_m": "bound.v_m",

@@ -80,7 +80,7 @@ def vehicle_speed(trip: Trip, parts: dict[str, Block], wires: dict[str, str]) ->
     )
     wires |= {"accel.a": "plant.train.a", "speed.a": "accel.a_m"}
     if "wake.on" in parts["ctl"].outputs:
-        wires["speed.held"] = "ctl.wake.on"
+        wires["speed.controlled"] = "ctl.wake.on"
     return "speed.v_m"
 
 
