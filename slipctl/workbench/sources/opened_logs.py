@@ -9,10 +9,11 @@ from slipctl.errors import BadInput
 from slipctl.run.logs.recorded_log import Recording, read_recording
 from slipctl.workbench.answers import Answers, Head, Request
 from slipctl.workbench.curves import Curves, Panel, Series, frame
-from slipctl.workbench.sources.openings import LOOP_OF_LOG
 
 MOST = 24
 """Columns that are drawn, the first ones."""
+
+LOOP_OF_LOG = "a part of a loop, such as metro.toml:pid.ctl"
 
 
 def curves_of_recording(log: Recording) -> tuple[Curves, list[str]]:

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 EXAMPLE = "metro.toml"
 """What is opened when nothing is named."""
 
-LOOP_OF_LOG = "a part of a loop, such as metro.toml:pid.ctl"
-
 
 PATIENCE = 20.0
 """Seconds that a piece of work may take; the process is ended then, and a new one begins."""
