@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from slipctl import BadInput, Block, argmax
+from slipctl import BadInput, Block, argmax, make_block
 from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.errors import Faults, nearest
 from slipctl.models.vehicle.parts import Contamination, Trip
@@ -230,3 +231,22 @@ def contaminated_law(trip: Trip, clean: Block) -> Block:
     """
     part = trip.rail.contamination
     return clean if part is None else blended_law(layer_law(trip, part), on_train(clean))
+
+
+def on_both_sides(curve: Block) -> Block:
+    """A law from a slip of one sign, made odd in it: what exponentials do below 0 is no adhesion.
+
+    Args:
+        curve: law from ``v_s``, with what is estimated as inputs.
+    """
+
+    def body(x: Any, u: Any, p: Any) -> Any:
+        turn = ca.if_else(u["v_s"] >= 0, 1, -1)
+        found = curve.expr({}, {**u, "v_s": turn * u["v_s"]}, p)[1]
+        return {}, {n: turn * value for n, value in found.items()}
+
+    return make_block(
+        curve.name, "law", body, inputs=list(curve.inputs.values()),
+        params=list(curve.params.values()), outputs=list(curve.outputs.values()), sx=curve.sx,
+        choices=curve.choices, doc=f"{curve.doc}\n\nOdd in the slip.",
+    )  # fmt: skip

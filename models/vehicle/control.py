@@ -33,7 +33,7 @@ from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
 from slipctl.models.common_form import Wheel
 from slipctl.models.predictive.predictive_slip import predictive
-from slipctl.models.vehicle.adhesion import numbers_of
+from slipctl.models.vehicle.adhesion import numbers_of, on_both_sides
 from slipctl.models.vehicle.air.valve_control import (
     gives_bits,
     own_slide_protection,
@@ -395,7 +395,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
         wires |= {"reference.searched": inner.pop("v_best"), "reference.v": "trust.v"}
         ports["v_best"] = "reference.v_best"
         ports |= {n: inner.pop(n) for n in unknown_parameters(curve, None)}
-        parts |= found
+        parts |= dict(found) | {"curve": on_both_sides(found["curve"])}
         wires |= inner | {
             "estimator.mu": "sample.mu",
             "estimator.v_s": "sample.v_s",
