@@ -1,6 +1,6 @@
 """Brakes: limits and the lag of a cylinder, motors that brake first, magnets on the rails."""
 
-from casadi import exp, fabs, fmax, fmin, if_else, logic_and
+from casadi import exp, fabs, fmax, fmin, if_else, logic_and, logic_not
 
 from slipctl import Block, Input, Output, Param, State, flow, law, step
 from slipctl.models.common_form import T_S
@@ -119,7 +119,8 @@ def dynamic_brake(
     acted = fmax(hold, vent) > 0.5
     since = if_else(acted, 0, rested)
     half = 0.5 * T
-    works = logic_and(t + half < lost, logic_and(since + half >= pause, fmax(hold, vent) <= 0.5))
+    free = logic_and(since + half >= pause, logic_not(acted))
+    works = logic_and(t + half < lost, free)
     goal = if_else(works, fmin(fmax(T_cmd, 0), most), 0)
     nxt = dict(T_m=goal + (T_m - goal) * exp(-T / tau_e), t=t + T, rested=fmin(since + T, 1e3))
     return nxt, dict(T_e=T_m, T_f=fmax(T_cmd - T_m, 0))

@@ -263,9 +263,9 @@ def witness(k1: float, k2: float, L: float, delta: float = 0.0) -> Witness:
     """Worst disturbance from x1 = 0, x2 = 1 and how much it lets x2 grow per half turn."""
     q = sta.worst_ratio(k1, k2, L, delta)
     push = "r1 = delta |x1|^(1/2) sgn x1; " if delta else ""
+    ran = simulated_run(k1, k2, L, delta)
     if k2 <= L or k1 <= delta:
         why = "x2 never turns back" if k2 <= L else "nothing damps x1"
-        ran = simulated_run(k1, k2, L, delta)
         return Witness(math.inf, f"{push}d = L sgn x1: {why}", 0.0, 1.0, (), L, ran.growth(),
                        _trajectory(ran))  # fmt: skip
     law = f"{push}d = L sgn x1 while |x1| grows, -L sgn x1 while it falls (switch at x1' = 0)"
@@ -275,7 +275,6 @@ def witness(k1: float, k2: float, L: float, delta: float = 0.0) -> Witness:
         turn, end, _ = sta.half_turn(k1, k2, L, delta, v)
         switches.append(start + turn)  # at the crossing sgn x1 and the law change together
         start, v = start + end, v * q
-    ran = simulated_run(k1, k2, L, delta)
     return Witness(q, law, 0.0, 1.0, tuple(switches), L, ran.growth(), _trajectory(ran))
 
 
@@ -283,14 +282,6 @@ def simulated_run(k1: float, k2: float, L: float, delta: float = 0.0) -> worst_r
     """Run of the equations against the worst disturbance, from x1 = 0, x2 = 1."""
     step = 0.02 / max(abs(k1 - delta), math.sqrt(2 * (k2 + L)))
     return worst_run.run(lambda y: (k1 - delta) * y, lambda y: k2, L, 1.0, step, 2)
-
-
-def simulated_growth(k1: float, k2: float, L: float, delta: float = 0.0) -> float:
-    """Growth of |x2| per half turn in a run of the equations against the worst disturbance.
-
-    Infinite if x1 has not come back within the run.
-    """
-    return simulated_run(k1, k2, L, delta).growth()
 
 
 def _trajectory(ran: worst_run.Turns) -> dict[str, tuple[str, Sequence[float]]]:

@@ -19,7 +19,7 @@ from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.run.logs.recorded_log import csv_of, read_recording
 from slipctl.run.logs.replay import Replayed, replay
-from slipctl.study.report.page_style import STYLE
+from slipctl.study.report.page_style import STYLE, html_page
 from slipctl.study.report.report_page import figure, table
 from slipctl.study.report.texts import number, wrap_table
 from slipctl.study.request import Request
@@ -187,18 +187,11 @@ def page(
         figure(svg, n, escape(n), curves, points) for n, (svg, curves) in figures.items()
     )
     compared = table(HEAD, rows, (2, 3, 4)) if rows else "<p>Nothing is compared.</p>"
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head><meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}{live.STYLE}</style></head>
-<body>
-<h1>{escape(title)}</h1>
-<p class="soft">{escape(options.block)}, ticks of {found.block.period:g} s</p>
-<h2>Figures</h2>{pictures}
+    said = f"{escape(options.block)}, ticks of {found.block.period:g} s"
+    body = f"""<h2>Figures</h2>{pictures}
 <h2>Residuals and innovations</h2>{compared}
 <h2>How the log was read</h2><ul>{done}</ul>{gaps if found.gaps else ""}
 <h2>Provenance</h2><pre>{escape(command)}
 slipctl {__version__}</pre>
-<script>{live.script()}</script>
-</body>
-</html>
-"""
+<script>{live.script()}</script>"""
+    return html_page(title, said, body, STYLE + live.STYLE)

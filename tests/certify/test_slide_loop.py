@@ -14,40 +14,7 @@ from slipctl.certify.promise import CERTIFIED, REFUTED, exact_numbers
 from slipctl.errors import BadInput
 from slipctl.study import resolve
 from slipctl.study.request import Request
-
-TRIP = """
-title = "T"
-duration = "3 s"
-[vehicle]
-mode = "brake"
-mass = "38 t"
-axles = 4
-inertia = "110 kg m^2"
-speed = "10 m/s"
-[actuator]
-kind = "valve"
-torque = "9 kN m"
-fill = "100 ms"
-vent = "100 ms"
-[rail]
-law = "double_exponential"
-[rail.conditions]
-leaves = {{ c = 0.18 }}
-[[rail.sections]]
-place = "0 m"
-condition = "leaves"
-[demand]
-kind = "constant"
-deceleration = "1.5 m/s^2"
-[reference]
-kind = "speed"
-slip = "0.8 m/s"
-[certify]
-{asked}
-[controllers.wsp]
-kind = "file"
-block = "wsp.toml:wsp"
-"""
+from tests.leaves_trip import leaves_trip
 
 LAW = """
 [wsp]
@@ -70,9 +37,26 @@ mode = { start = 0 }
 """
 
 
+def trip_of(asked):
+    """Text of the vehicle's file, with the keys of its table ``[certify]``."""
+    return leaves_trip(
+        """kind = "valve"
+torque = "9 kN m"
+fill = "100 ms"
+vent = "100 ms"
+""",
+        f"""[certify]
+{asked}
+[controllers.wsp]
+kind = "file"
+block = "wsp.toml:wsp"
+""",
+    )
+
+
 def system_of(folder, vents, asked):
     (folder / "wsp.toml").write_text(LAW.replace("VENTS", str(vents)), encoding="utf-8")
-    (folder / "t.toml").write_text(TRIP.format(asked=asked), encoding="utf-8")
+    (folder / "t.toml").write_text(trip_of(asked), encoding="utf-8")
     study = resolve.load_study("t.toml")
     gains = next(g for g in study.gains if g.loop == "wsp")
     loop = Request.of(study, "wsp", []).chosen[0]

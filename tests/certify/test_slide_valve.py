@@ -19,6 +19,7 @@ from slipctl.models.vehicle.parts import Valve
 from slipctl.models.vehicle.plant import actuator
 from slipctl.study import resolve
 from slipctl.study.request import Request
+from tests.leaves_trip import leaves_trip
 
 LAW = """
 [wsp]
@@ -53,41 +54,23 @@ w_f = { start = 16.67, unit = "m/s" }
     " (0*vents if (v_s < s_lo and a_w < a_fill) else vents)",
 )
 
-TRIP = """
-title = "T"
-duration = "3 s"
-[vehicle]
-mode = "brake"
-mass = "38 t"
-axles = 4
-inertia = "110 kg m^2"
-speed = "60 km/h"
-[actuator]
-kind = "valve"
+TRIP = leaves_trip(
+    """kind = "valve"
 torque = "9 kN m"
 fill = "300 ms"
 vent = "100 ms"
-[control]
+""",
+    """[control]
 period = "10 ms"
-[rail]
-law = "double_exponential"
-[rail.conditions]
-leaves = { c = 0.18 }
-[[rail.sections]]
-place = "0 m"
-condition = "leaves"
-[demand]
-kind = "constant"
-deceleration = "0.9 m/s^2"
-[reference]
-kind = "speed"
-slip = "0.8 m/s"
 [certify]
 slip = "2.2 m/s"
 [controllers.wsp]
 kind = "file"
 block = "wsp.toml:wsp"
-"""
+""",
+    speed="60 km/h",
+    deceleration="0.9 m/s^2",
+)
 
 
 @pytest.fixture

@@ -14,36 +14,16 @@ from slipctl.models.vehicle.certificate.gains import _wheel
 from slipctl.study import resolve
 from slipctl.study.files import trip_files
 from slipctl.study.request import Request
+from tests.leaves_trip import leaves_trip
 
-TRIP = """
-title = "T"
-duration = "3 s"
-[vehicle]
-mode = "brake"
-mass = "38 t"
-axles = 4
-inertia = "110 kg m^2"
-speed = "15 m/s"
-[actuator]
-kind = "lag"
+TRIP = leaves_trip(
+    """kind = "lag"
 torque = "9 kN m"
 lag = "50 ms"
 dead_time = "24 ms"
-[control]
+""",
+    """[control]
 period = "10 ms"
-[rail]
-law = "double_exponential"
-[rail.conditions]
-leaves = { c = 0.18 }
-[[rail.sections]]
-place = "0 m"
-condition = "leaves"
-[demand]
-kind = "constant"
-deceleration = "1.5 m/s^2"
-[reference]
-kind = "speed"
-slip = "0.8 m/s"
 [controllers.pid]
 kind = "pid"
 K = "5 1/s"
@@ -51,7 +31,9 @@ K = "5 1/s"
 kind = "sta"
 [controllers.smc]
 kind = "smc"
-"""
+""",
+    speed="15 m/s",
+)
 
 
 @pytest.fixture
