@@ -137,6 +137,13 @@ class Interval:
             self.up.next_plus(self.up.exp(self.high)),
         )
 
+    def atan(self) -> Interval:
+        """Arc tangent, which rises."""
+        ends = [
+            end * arctan_over(end.sq()) for end in (self._new(x, x) for x in (self.low, self.high))
+        ]
+        return self._new(ends[0].low, ends[1].high)
+
     def sq(self) -> Interval:
         """Square; never negative."""
         a = self.absolute()

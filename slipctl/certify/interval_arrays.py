@@ -69,6 +69,10 @@ class Boxes:
 
     def __mul__(self, other: Boxes | Exact) -> Boxes:
         o = self._as(other)
+        if self.low.size == 1 and o.low.size > 1:
+            return o * self
+        if o.low.size == 1 and o.low[0] == o.high[0] and abs(o.low[0]) < np.inf:
+            return self._times(float(o.low[0]))
         with np.errstate(invalid="ignore"):
             p, q = self.low * o.low, self.low * o.high
             r, s = self.high * o.low, self.high * o.high
@@ -77,7 +81,23 @@ class Boxes:
         if np.isnan(low).any():  # zero times infinity is zero
             ends = [_product(a, b) for a in (self.low, self.high) for b in (o.low, o.high)]
             low, high = np.minimum.reduce(ends), np.maximum.reduce(ends)
-        return _outwards_unless(_exact_factor(self) | _exact_factor(o), low, high)
+        found = _outwards_unless(_exact_factor(self) | _exact_factor(o), low, high)
+        if (found.low < 0).any():  # what two numbers that are not negative give is none either
+            found.low = np.where(
+                (self.low >= 0) & (o.low >= 0), np.maximum(found.low, 0), found.low
+            )
+        return found
+
+    def _times(self, by: float) -> Boxes:
+        """Product by one number."""
+        ends = (self.low, self.high) if by >= 0 else (self.high, self.low)
+        with np.errstate(invalid="ignore"):
+            low, high = ends[0] * by, ends[1] * by
+        if by in (-1.0, 1.0):
+            return Boxes(low, high)
+        zero = np.zeros(1)
+        return Boxes(np.where(ends[0] == 0, zero, _down(low)),
+                     np.where(ends[1] == 0, zero, -_down(-high)) if by else zero)  # fmt: skip
 
     __radd__, __rmul__ = __add__, __mul__
 
@@ -137,6 +157,10 @@ class Boxes:
         with np.errstate(invalid="ignore", divide="ignore"):
             low, high = np.log(self.low), np.log(self.high)
         return _outwards(np.where(lost, -np.inf, low), np.where(lost, np.inf, high), WIDE)
+
+    def atan(self) -> Boxes:
+        """Arc tangent."""
+        return _outwards(np.arctan(self.low), np.arctan(self.high), WIDE)
 
     def minimum(self, other: Boxes | Exact) -> Boxes:
         """Smaller one of two."""

@@ -38,7 +38,7 @@ MOST_MODES = 4096
 COARSE_WORK = 4_000_000
 """Operations of all cells, up to which a set is checked in whole numbers."""
 
-CHUNK = 20_000
+CHUNK = 8_000
 """Cells whose images are computed at once."""
 
 Range = tuple[Fraction, Fraction]

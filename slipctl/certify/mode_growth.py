@@ -14,13 +14,14 @@ from slipctl.certify.mode_cells import (
     Cells,
     Grid,
     ModeLoop,
+    Reach,
     images_of,
     places_in_ranges,
 )
 from slipctl.certify.mode_images import Images
 from slipctl.certify.sums import NoProof
 
-CHUNK = 20_000
+CHUNK = 8_000
 """Cells whose images are computed at once."""
 
 
@@ -49,6 +50,8 @@ class Growth:
         loop: the loop. grid: where it begins; it widens where images leave it.
         work: operations that it may take, counted down.
         first, last: outermost cells along each axis, beyond which it gives up.
+
+    Every image of every cell is taken in once, so that ``reach`` bounds the set when it is closed.
     """
 
     loop: ModeLoop
@@ -60,6 +63,7 @@ class Growth:
     def __post_init__(self) -> None:
         self.tick = self.loop.tick()
         self.cells = Cells(self.grid)
+        self.reach = Reach.of(self.loop)
 
     def run(self, visited: Sequence[tuple[np.ndarray, np.ndarray]]) -> Cells:
         """Set that no tick leaves.
@@ -83,6 +87,7 @@ class Growth:
             self.work.take(len(found.cell) * len(self.loop.code.steps) * self.loop.stride)
             if self.loop.left(found):
                 raise NoProof(f"{self.loop.left(found)} is farther off than it was taken to be")
+            self.reach.add(found)
             low, high, out = self.grid.touched(found.reals)
             if out.any():
                 moved, pending = self._widened(low.min(axis=0), high.max(axis=0), pending)

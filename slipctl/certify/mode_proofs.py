@@ -132,10 +132,9 @@ def _grown(loop: ModeLoop, bounds: Bounds, runs: Runs, many: int, work: Work) ->
     grid = Grid(tuple(map(int, low)), size, tuple(map(int, high - low + 1)))
     growth = Growth(loop, grid, work, first, last)
     cells = growth.run(runs.visited[:: max(1, len(runs.visited) // 200)])
-    reach, _ = check_cells(loop, growth.grid, cells, quick=True)
-    _keep(loop, reach, bounds)
+    _keep(loop, growth.reach, bounds)
     entries = {"grid": growth.grid.payload(), "cells": cells.packed()}
-    return Found(entries, reach, runs)
+    return Found(entries, growth.reach, runs)
 
 
 def _keep(loop: ModeLoop, reach: Reach, bounds: Bounds) -> None:
@@ -172,7 +171,7 @@ def check_evidence(loop: ModeLoop, bounds: Bounds, given: Any) -> tuple[Reach, s
 
 def run_ticks(loop: ModeLoop) -> int:
     """Ticks of a run of the search."""
-    return 500 * min(loop.stride, 4)
+    return 500 * min(max(round(loop.stride / 2.5), 1), 4)
 
 
 def runs_of_loop(loop: ModeLoop) -> Runs:

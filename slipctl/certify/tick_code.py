@@ -26,7 +26,7 @@ from slipctl.errors import BadInput
 
 OPERATIONS: dict[str, int] = {
     "add": 2, "sub": 2, "mul": 2, "div": 2, "neg": 1, "sq": 1, "abs": 1, "min": 2, "max": 2,
-    "sqrt": 1, "exp": 1, "ln": 1, "less": 2, "less_equal": 2, "equal": 2, "choose": 3,
+    "sqrt": 1, "exp": 1, "ln": 1, "atan": 1, "less": 2, "less_equal": 2, "equal": 2, "choose": 3,
 }  # fmt: skip
 """Operations and how many values each takes; ``choose`` is (condition, where true, where false)."""
 
@@ -145,6 +145,20 @@ class TickCode:
         needed = self._needed()
         return {name for i, name in enumerate(self.inputs) if i in needed}
 
+    def without_unused(self, states: Sequence[str] = ()) -> TickCode:
+        """The tick without inputs on which nothing depends; those of some states stay."""
+        used = self.depends()
+        keep = [
+            i for i, k in enumerate(self.inputs) if k in used or (k[:2] == "x_" and k[2:] in states)
+        ]
+        to = {i: k for k, i in enumerate(keep)}
+        steps = []
+        for k, (operation, *args) in enumerate(self.steps):
+            to[len(self.inputs) + k] = len(keep) + k
+            steps.append((operation, *(args if operation == "const" else (to[i] for i in args))))
+        return TickCode(tuple(self.inputs[i] for i in keep), tuple(steps),
+                        {n: to[i] for n, i in self.outputs.items()})  # fmt: skip
+
     def spelled(self, k: int, depth: int = 3) -> str:
         """Operation as a person writes it, its parts to some depth."""
         if k < 0:
@@ -230,7 +244,7 @@ _RULES: dict[str, Callable[..., Any]] = {
     "div": lambda a, b: a / b, "neg": lambda a: -a, "sq": lambda a: a.sq(),
     "abs": lambda a: a.absolute(), "min": lambda a, b: a.minimum(b),
     "max": lambda a, b: a.maximum(b), "sqrt": lambda a: a.sqrt(), "exp": lambda a: a.exp(),
-    "ln": lambda a: a.ln(), "less": lambda a, b: a.less(b),
+    "ln": lambda a: a.ln(), "atan": lambda a: a.atan(), "less": lambda a, b: a.less(b),
     "less_equal": lambda a, b: a.less_equal(b), "equal": lambda a, b: a.equal(b),
     "choose": lambda c, a, b: c.choose(a, b),
 }  # fmt: skip
@@ -238,13 +252,13 @@ _RULES: dict[str, Callable[..., Any]] = {
 _TEXTS = {
     "add": "{} + {}", "sub": "{} - {}", "mul": "{} * {}", "div": "{} / {}", "neg": "-{}",
     "sq": "{0} * {0}", "abs": "abs({})", "min": "min({}, {})", "max": "max({}, {})",
-    "sqrt": "math.sqrt({})", "exp": "math.exp({})", "ln": "math.log({})",
+    "sqrt": "math.sqrt({})", "exp": "math.exp({})", "ln": "math.log({})", "atan": "math.atan({})",
     "less": "({} < {}) * 1.0", "less_equal": "({} <= {}) * 1.0", "equal": "({} == {}) * 1.0",
     "choose": "{1} if {0} else {2}",
 }  # fmt: skip
 
 _OF_ARRAYS = {"min": "np.minimum({}, {})", "max": "np.maximum({}, {})", "sqrt": "np.sqrt({})",
-              "exp": "np.exp({})", "ln": "np.log({})",
+              "exp": "np.exp({})", "ln": "np.log({})", "atan": "np.arctan({})",
               "choose": "np.where({}, {}, {})"}  # fmt: skip
 
 _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "less": "<", "less_equal": "<=",
@@ -282,6 +296,7 @@ _WEIGHTS: dict[str, Callable[[Sequence[Any], Any], tuple[Any, ...]]] = {
     "sqrt": lambda p, y: (1 / (2 * y),),
     "exp": lambda p, y: (y,),
     "ln": lambda p, y: (1 / p[0],),
+    "atan": lambda p, y: (1 / (p[0].sq() + 1),),
 }
 
 
@@ -290,7 +305,8 @@ _WEIGHTS: dict[str, Callable[[Sequence[Any], Any], tuple[Any, ...]]] = {
 _PLAIN = {
     "OP_ADD": "add", "OP_SUB": "sub", "OP_MUL": "mul", "OP_DIV": "div", "OP_NEG": "neg",
     "OP_SQ": "sq", "OP_FABS": "abs", "OP_FMIN": "min", "OP_FMAX": "max", "OP_SQRT": "sqrt",
-    "OP_EXP": "exp", "OP_LOG": "ln", "OP_LT": "less", "OP_LE": "less_equal", "OP_EQ": "equal",
+    "OP_EXP": "exp", "OP_LOG": "ln", "OP_ATAN": "atan",
+    "OP_LT": "less", "OP_LE": "less_equal", "OP_EQ": "equal",
 }  # fmt: skip
 _OF_CASADI = {getattr(ca, name): operation for name, operation in _PLAIN.items()}
 _NAMES = {getattr(ca, n): n[3:].lower() for n in dir(ca)
@@ -361,7 +377,7 @@ def _of_casadi(writer: CodeWriter, op: int, a: Sequence[int]) -> int:
             return writer.add("exp", writer.add("mul", a[1], writer.add("ln", a[0])))
     raise BadInput(
         f"the operation {_NAMES.get(op, op)} cannot be enclosed; known are + - * /, whole powers,"
-        " sqrt, exp, log, fabs, sign, fmin, fmax and conditions"
+        " sqrt, exp, log, atan, fabs, sign, fmin, fmax and conditions"
     )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.certify.decimal_intervals import Exact, exact
+from slipctl.certify.decimal_intervals import Exact, Interval, exact
 
 BITS = 80
 """Bits behind the point."""
@@ -134,6 +134,11 @@ class WholeBoxes:
         """Exponential."""
         return WholeBoxes(_each(lambda a: exponential(a)[0], self.low),
                           _each(lambda a: exponential(a)[1], self.high))  # fmt: skip
+
+    def atan(self) -> WholeBoxes:
+        """Arc tangent, by that of decimals."""
+        return WholeBoxes(_each(lambda a: math.floor(_atan(a)[0] * ONE), self.low),
+                          _each(lambda a: math.ceil(_atan(a)[1] * ONE), self.high))  # fmt: skip
 
     def ln(self) -> WholeBoxes:
         """Natural logarithm.
@@ -304,3 +309,8 @@ def _logarithm(a: int) -> tuple[int, int]:
     else:
         raise ArithmeticError("no end of a logarithm was found")
     return below, above
+
+
+def _atan(value: int) -> tuple[Fraction, Fraction]:
+    """Ends of the arc tangent of a multiple of 2^-80."""
+    return Interval.of(Fraction(value, ONE), 40).atan().ends()

@@ -14,7 +14,7 @@ from slipctl.certify import catalogue, proofs
 from slipctl.certify.interval_arrays import Boxes
 from slipctl.certify.mode_runs import worst_runs
 from slipctl.certify.promise import CERTIFIED, exact_numbers
-from slipctl.models.vehicle.certificate.slide_tick import _after_valve, _fall_of_sides
+from slipctl.models.vehicle.certificate.slide_tick import _after_valve, fall_of_sides
 from slipctl.models.vehicle.parts import Valve
 from slipctl.models.vehicle.plant import actuator
 from slipctl.study import resolve
@@ -138,9 +138,9 @@ def test_the_sides_of_an_odd_curve_are_the_curve():
     odd = ca.Function("f", [x], [ca.if_else(x >= 0, 1, -1) * (1 - ca.exp(-3 * ca.fabs(x)))])
     for at in (-2.0, -1e-3, 0.0, 1e-6, 0.7):
         exact = np.sign(at) * (1 - np.exp(-3 * abs(at)))
-        assert float(_fall_of_sides(odd)(ca.DM(at))) == pytest.approx(exact, abs=1e-11)
+        assert float(fall_of_sides(odd)(ca.DM(at))) == pytest.approx(exact, abs=1e-11)
     even = ca.Function("f", [x], [x * x])
-    assert _fall_of_sides(even) is even
+    assert fall_of_sides(even) is even
 
 
 def test_a_cell_about_no_slip_has_few_ways(asked):

@@ -79,7 +79,8 @@ class SlideTick(AxleTick):
         whole = whole_states(code, {k: starts[k] for k in wanted})
         reals = [k for k in wanted if k not in whole]
         sums = chosen_coordinates(code, reals, SLIP)
-        code = _without(with_coordinates(TickCode(code.inputs, code.steps, outputs), sums), wanted)
+        code = with_coordinates(TickCode(code.inputs, code.steps, outputs), sums)
+        code = code.without_unused(wanted)
         begin = {k: sum((v * starts[j] for j, v in sums[k].items()), Fraction(0))
                  if k in sums else starts[k] for k in reals}  # fmt: skip
         push = {k: v for k, v in push.items() if f"d_{k}" in code.inputs}
@@ -103,7 +104,7 @@ class SlideTick(AxleTick):
         brake = actuator(_prompt(part)) if waits else actuator(part)
         own, act = (ca.SX.sym(k, b.f.numel_in(0)) for k, b in (("law", control), ("act", brake)))
         s, height, w, noise, late, stop = (ca.SX.sym(k) for k in ("s", "h", "w", "n", "late", "z"))
-        fall, numbers = _fall_of_sides(self._fall(v)), wheel(self.trip)
+        fall, numbers = fall_of_sides(self._fall(v)), wheel(self.trip)
         told = height * fall(self.goal)
         force = told / (numbers.r**2 / numbers.J + 1 / numbers.m)
         self.T_demand = demand
@@ -190,7 +191,7 @@ def _after_valve(part: Valve, brake: Any, p: Any, T_cmd: Any, stop: Any, ticks: 
     return ca.if_else(p < low, filled, ca.if_else(p > high, vented, held))
 
 
-def _fall_of_sides(fall: Any) -> Any:
+def fall_of_sides(fall: Any) -> Any:
     """An odd curve as the sum of its sides, so that no cell about 0 asks on which side it is.
 
     Each side begins ``OFFSET`` from 0, which moves the curve by less than roundings do.
@@ -228,20 +229,6 @@ def _starts(block: Any) -> np.ndarray:
     begin = block.start()
     parts = [np.asarray(begin[k], float).reshape(-1, order="F") for k in block.states]
     return np.concatenate(parts) if parts else np.zeros(0)
-
-
-def _without(code: TickCode, states: tuple[str, ...]) -> TickCode:
-    """The tick without the inputs that are no longer asked."""
-    used = code.depends()
-    keep = [i for i, name in enumerate(code.inputs)
-            if name[2:] in states or (name.startswith("d_") and name in used)]  # fmt: skip
-    to = {i: k for k, i in enumerate(keep)}
-    steps = []
-    for k, (operation, *args) in enumerate(code.steps):
-        to[len(code.inputs) + k] = len(keep) + k
-        steps.append((operation, *(args if operation == "const" else (to[i] for i in args))))
-    return TickCode(tuple(code.inputs[i] for i in keep), tuple(steps),
-                    {n: to[i] for n, i in code.outputs.items()})  # fmt: skip
 
 
 def _with_delay(loop: ModeLoop, ticks: int) -> ModeLoop:

@@ -84,16 +84,26 @@ def _of_system(
     return f"{table(report)}\n\n{out}: certificate; {by}"
 
 
+def check_place(out: str) -> Path:
+    """Path of a certificate that can be written.
+
+    Raises:
+        BadInput: it is a folder, or cannot be made.
+    """
+    path = Path(out)
+    if path.is_dir():
+        raise BadInput(f"{path} is a folder; write a file, {path / 'certificate.json'}")
+    store.check_file(path)
+    return path
+
+
 def write(system: System, numbers: Mapping[str, Any], out: str) -> None:
     """Write a certificate, and beside it what an independent solver can check.
 
     Raises:
         BadInput: ``out`` is a folder, or cannot be made.
     """
-    path = Path(out)
-    if path.is_dir():
-        raise BadInput(f"{path} is a folder; write a file, {path / 'certificate.json'}")
-    store.check_file(path)
+    path = check_place(out)
     payload = proofs.write(system, numbers)
     store.write_text(path, store.json_text(payload))
     problems = smtlib.steps(system, payload)
@@ -111,6 +121,7 @@ class Answer:
         condition: whether the paper's own condition holds; None if it states none.
         needs: what would make it hold, or how much is in reserve.
         costs: share of the bound that is left with half of a range, by the name of the range.
+        system, numbers: what was asked, so that a file needs no second search.
     """
 
     gains: Gains
@@ -118,6 +129,8 @@ class Answer:
     condition: bool | None
     needs: str
     costs: Mapping[str, float]
+    system: System
+    numbers: Mapping[str, float]
 
 
 def answers(
@@ -144,7 +157,8 @@ def answers(
         costs = dict(gains.costs(loop)) if gains.costs else {}
         reasons = getattr(system.loop, "why", None)
         wants = f"no proof: {reasons[0]}" if reasons else needs(report)
-        found.append(Answer(gains, report, own.holds if own else None, wants, costs))
+        found.append(Answer(gains, report, own.holds if own else None, wants, costs,
+                            system, numbers))  # fmt: skip
     return found
 
 
@@ -201,12 +215,11 @@ def certify_study(
     else:
         study = resolve.load_study(name)
     if out is not None:
-        gains, loop = certify_loop.one(name, settings)
-        system = catalogue.system_of_gains(gains, loop)
-        numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
-        write(system, systems.exact_numbers(system, numbers), out)
-        of = [gains]
+        of = [certify_loop.one(name, settings)[0]]
+        check_place(out)
     found = answers(study, of, settings)
+    if out is not None:
+        write(found[0].system, systems.exact_numbers(found[0].system, found[0].numbers), out)
     if as_json:
         entries = {
             a.gains.name: {
