@@ -9,7 +9,7 @@ from typing import Any
 from slipctl.models.vehicle.certificate import axle_loops
 from slipctl.models.vehicle.certificate.gains import gains, reasons_without_certificate
 from slipctl.models.vehicle.contamination import patches_of_seed
-from slipctl.models.vehicle.parts import Air, Drawn, Trip, number_with_unit
+from slipctl.models.vehicle.parts import Air, Drawn, SlideProtection, Trip, number_with_unit
 from slipctl.models.vehicle.parts.plausibility import unusual_numbers
 from slipctl.models.vehicle.trip import CLEAN, case, clean_case
 from slipctl.run.roles import Signals
@@ -99,6 +99,13 @@ NO_LAYER = (
 )
 
 
+HOLDS = (
+    "its valve holds as soon as the rim runs up, whatever the slip is then, and no set of cells"
+    " shows that the slip stops rising there; a machine that vents while the slip is large can be"
+    " proved, written as a text behind kind = 'valve' (slipctl docs own_proof)"
+)
+
+
 def reasons(trip: Trip) -> dict[str, str]:
     """Why a controller has no certificate, by its name."""
     return axle_loops.reasons_without_certificate(trip, reasons_without_certificate(trip))
@@ -148,7 +155,8 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
     ]  # fmt: skip
     if unlike:
         asked: tuple[Gains, ...] = ()
-        why = dict.fromkeys(trip.controllers, unlike[0])
+        why = {k: HOLDS if isinstance(part, SlideProtection) else unlike[0]
+               for k, part in trip.controllers.items()}  # fmt: skip
     else:
         asked, why = (*gains(trip), *axle_loops.gains(trip)), reasons(trip)
     return Study(

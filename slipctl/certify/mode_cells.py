@@ -311,18 +311,27 @@ def places_in_ranges(low: np.ndarray, high: np.ndarray, count: Sequence[int]) ->
 # ---- check --------------------------------------------------------------------------------------
 
 
-def check_cells(loop: ModeLoop, grid: Grid, cells: Cells, quick: bool = False) -> tuple[Reach, str]:
-    """Confirm that no tick leaves a set; gives what it reaches, and the arithmetic of the check.
+def ways_to_check(loop: ModeLoop, cells: Cells) -> tuple[tuple[Any, str], ...]:
+    """Arithmetics in which a set is checked, and their words: a small one in whole numbers first.
+
+    Whole numbers go by the mean value theorem. Lines of floats are a little tighter, so they may
+    confirm what whole numbers do not.
+    """
+    floats = (Boxes, "in floats rounded outwards")
+    if cells.many * max(len(loop.code.steps), 1) * loop.stride <= COARSE_WORK:
+        return (WholeBoxes, "in whole numbers"), floats
+    return (floats,)
+
+
+def check_cells(loop: ModeLoop, grid: Grid, cells: Cells, kind: Any) -> Reach:
+    """Confirm that no tick leaves a set; gives what it reaches.
 
     Args:
-        loop, grid, cells: the set. quick: in floats, whatever its size.
+        loop, grid, cells: the set. kind: the arithmetic, ``WholeBoxes`` or ``Boxes``.
 
     Raises:
         DoesNotHold: a tick leaves it, or a start lies outside.
     """
-    kind: Any = Boxes
-    if cells.many * max(len(loop.code.steps), 1) * loop.stride <= COARSE_WORK and not quick:
-        kind = WholeBoxes
     tick = loop.tick()
     totals = [_totals(held, grid.count) for held in cells.held]
     starts = [kind.around(a, b) for a, b in loop.start]
@@ -336,17 +345,13 @@ def check_cells(loop: ModeLoop, grid: Grid, cells: Cells, quick: bool = False) -
             of = np.broadcast_to(np.array(modes, np.int64), (len(part), len(modes)))
             try:
                 found = images_of(loop, tick, kind, grid, part, of)
-            except TooManyWays as error:
-                raise DoesNotHold(f"evidence: {error}") from None
-            except ArithmeticError as error:
-                if kind is WholeBoxes:  # a way that is never taken has no root, say
-                    return check_cells(loop, grid, cells, quick=True)
+            except ArithmeticError as error:  # too many ways, or one that has no root
                 raise DoesNotHold(f"evidence: {error}") from None
             if loop.left(found):
                 raise DoesNotHold(f"evidence: {loop.left(found)} is not in its range")
             _inside(cells, totals, grid, found.reals, found.modes)
             reach.add(found)
-    return reach, "in whole numbers" if kind is WholeBoxes else "in floats rounded outwards"
+    return reach
 
 
 def _inside(

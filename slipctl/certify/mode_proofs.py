@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -18,6 +19,7 @@ from slipctl.certify.mode_cells import (
     dyadic,
     read_cells,
     read_grid,
+    ways_to_check,
 )
 from slipctl.certify.mode_growth import Growth, Work
 from slipctl.certify.mode_runs import Runs, worst_runs
@@ -161,7 +163,13 @@ def check_evidence(loop: ModeLoop, bounds: Bounds, given: Any) -> tuple[Reach, s
         raise DoesNotHold(f"evidence: cells take {MOST_REALS} real states")
     grid = read_grid(entry["grid"], len(loop.reals))
     cells = read_cells(entry["cells"], grid, len(loop.modes))
-    reach, how = check_cells(loop, grid, cells)
+    *firsts, (last, how) = ways_to_check(loop, cells)
+    for kind, words in firsts:
+        with suppress(DoesNotHold, NoProof):
+            reach = check_cells(loop, grid, cells, kind)
+            _keep(loop, reach, bounds)
+            return reach, words
+    reach = check_cells(loop, grid, cells, last)
     try:
         _keep(loop, reach, bounds)
     except NoProof as error:

@@ -107,16 +107,19 @@ def test_arc_tangents_enclose_that_of_the_library(x, wide):
     low, high = Fraction(x), Fraction(x) + Fraction(wide)
     exact = (math.atan(low), math.atan(high))
     floats = Boxes.around(low, high).atan()
-    assert floats.low[0] <= exact[0] and exact[1] <= floats.high[0]
-    for box in (Interval.of(low, 40).hull(Interval.of(high, 40)).atan().ends(),
-                [Fraction(int(e[0]), 2**80) for e in (WholeBoxes.around(low, high).atan().low,
-                                                      WholeBoxes.around(low, high).atan().high)]):  # fmt: skip
-        assert float(box[0]) == pytest.approx(exact[0], rel=1e-14, abs=1e-20)
-        assert float(box[1]) == pytest.approx(exact[1], rel=1e-14, abs=1e-20)
+    assert floats.low[0] <= exact[0]
+    assert exact[1] <= floats.high[0]
+    whole = WholeBoxes.around(low, high).atan()
+    ends = [Fraction(int(e[0]), 2**80) for e in (whole.low, whole.high)]
+    decimals = Interval.of(low, 40).hull(Interval.of(high, 40)).atan().ends()
+    for found in (ends, decimals):
+        assert float(found[0]) == pytest.approx(exact[0], rel=1e-14, abs=1e-20)
+        assert float(found[1]) == pytest.approx(exact[1], rel=1e-14, abs=1e-20)
 
 
 def test_what_is_not_negative_stays_so():
     """A state that only falls, and stops at 0, does not creep below it by a rounding."""
     zero, share = Boxes(np.zeros(1), np.ones(1)), Fraction(1, 3)
-    assert (zero * share).low[0] == 0 and (zero * zero).low[0] == 0
+    assert (zero * share).low[0] == 0
+    assert (zero * zero).low[0] == 0
     assert (zero * -1).high[0] == 0
