@@ -274,7 +274,8 @@ def images_of(
         ArithmeticError: nothing bounds one, or a single cell has too many ways.
     """
     try:
-        return tick.images(kind, grid.ends(places), modes, loop.push, loop.stride)
+        with np.errstate(all="ignore"):  # what overflows bounds nothing, and is told so
+            return tick.images(kind, grid.ends(places), modes, loop.push, loop.stride)
     except TooManyWays:
         if len(places) < 2:
             raise
