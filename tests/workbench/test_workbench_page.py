@@ -231,9 +231,17 @@ def test_a_file_is_edited_run_and_saved(tmp_path, monkeypatch, pictures, dark):
             assert "did you mean 'axles'" in browser.run(
                 "document.getElementById('faults').textContent"
             )
-            assert browser.run("document.querySelectorAll('#lines .bad').length") == 1
+            browser.wait(f"{SHADOW}.querySelectorAll('.cm-lint-marker-error').length === 1")
             browser.picture(pictures / f"faults_{'dark' if dark else 'light'}.png")
             type_over(browser, "axels = 4", "axles = 4")
+            # a key of the table is offered while it is typed, Tab takes it
+            type_over(browser, "axles = 4", "axles = 4\nrotatin")
+            browser.key("g")
+            browser.wait(f"{SHADOW}.querySelector('.cm-tooltip-autocomplete li')")
+            browser.picture(pictures / f"offered_{'dark' if dark else 'light'}.png")
+            browser.press("Tab", 9)
+            browser.wait(f"{VIEW}.state.doc.toString().includes('\\nrotating_mass = ')")
+            type_over(browser, "\nrotating_mass = ", "")
             before = metric(browser, "distance")
             type_over(browser, '"60 km/h"', '"66 km/h"')
             browser.wait(f"{METRIC.replace('NAME', 'distance')} !== {before!r}", 90)
@@ -249,11 +257,17 @@ def test_a_file_is_edited_run_and_saved(tmp_path, monkeypatch, pictures, dark):
             browser.close()
 
 
+VIEW = (
+    "CodeMirror.EditorView.findFromDOM("
+    "document.getElementById('editor').shadowRoot.querySelector('.cm-editor'))"
+)
+SHADOW = "document.getElementById('editor').shadowRoot"
+
+
 def type_over(browser: Browser, old: str, new: str) -> None:
-    """Replace a word of the file, as typing does; the last place of it."""
+    """Replace a word of the file, the last place of it, and leave the cursor behind it."""
     browser.run(
-        "(() => { const s = document.getElementById('source');"
-        f" const k = s.value.lastIndexOf({old!r});"
-        f" s.value = s.value.slice(0, k) + {new!r} + s.value.slice(k + {len(old)});"
-        " s.dispatchEvent(new Event('input')); })()"
+        f"(() => {{ const v = {VIEW}; const k = v.state.doc.toString().lastIndexOf({old!r});"
+        f" v.focus(); v.dispatch({{ changes: {{ from: k, to: k + {len(old)}, insert: {new!r} }},"
+        f" selection: {{ anchor: k + {len(new)} }}, userEvent: 'input.type' }}); }})()"
     )

@@ -282,7 +282,7 @@ followTheme(() => {
 });
 addEventListener("keydown", (event) => {
   if (!event.ctrlKey && !event.metaKey) return;
-  const typing = /** @type {HTMLElement} */ (document.activeElement)?.tagName === "TEXTAREA";
+  const typing = document.activeElement?.matches("textarea, #editor");
   if (event.key === "s") { event.preventDefault(); save(); }
   else if (!typing && event.key === "z") { event.preventDefault(); state.undo(); }
   else if (!typing && event.key === "y") { event.preventDefault(); state.redo(); }
