@@ -169,14 +169,35 @@ def test_the_law_and_the_blocks_are_shown(study, pictures):
     study.click("[data-tab=sliders]")
 
 
-def test_state_survives_a_reload(study):
+def test_a_click_on_a_time_shows_all_signals(study, pictures):
+    x, y = study.run(
+        "(() => { const b = document.querySelector('#plots .u-over').getBoundingClientRect();"
+        " return [b.x + 0.5 * b.width, b.y + 0.5 * b.height]; })()"
+    )
+    for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+        study.mouse(kind, x, y)
+    study.wait("document.querySelectorAll('#signals-list tr').length > 20", 60)
+    study.run("document.getElementById('signals-find').value = 'v_s'")
+    study.run("document.getElementById('signals-find').dispatchEvent(new Event('input'))")
+    shown = "[...document.querySelectorAll('#signals-list th')].map(h => h.textContent)"
+    assert study.run(f"{shown}.length > 0 && {shown}.every(n => n.length > 2)")
+    study.picture(pictures / "signals.png")
+    study.click("[data-tab=sliders]")
+
+
+def test_state_and_pins_survive_a_reload(study):
+    study.click("#pin")
     after(study, lambda: slide(study, "m", 250))
     before = study.run("document.querySelectorAll('.slider.moved').length")
     assert before
+    pinned = "[...document.querySelectorAll('#metrics tbody tr')].map(r => r.cells[3].textContent)"
+    metrics = study.run(pinned)
     study.run("window.old = true")
     study.page("Page.reload")
     study.wait(f"!window.old && document.readyState === 'complete' && {DONE}", 60)
     assert study.run("document.querySelectorAll('.slider.moved').length") == before
+    assert study.run(pinned) == metrics
+    study.click("#unpin")
 
 
 def test_c_stands_beside_it(study, pictures):
