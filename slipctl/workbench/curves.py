@@ -69,7 +69,8 @@ def curves_of_run(run: Run, known: Mapping[str, Known] | None = None) -> Curves:
         run: that has rolled. known: what its study knows of the rail beside it, by name.
     """
     behind = next((k.behind for k in (known or {}).values() if k.behind), ())
-    panels = [p for p in (_speeds(run), *_pairs(run), _valves(run), _way(run)) if p is not None and p.series]
+    made = (_speeds(run), *_pairs(run), _valves(run), _way(run))
+    panels = [p for p in made if p is not None and p.series]
     starts = [float(run.time[0]) if len(run.time) else 0.0, *run.changes]
     return Curves(run.time, panels, list(zip(starts, run.rows, strict=False)), behind)
 
