@@ -313,7 +313,7 @@ def places_in_ranges(low: np.ndarray, high: np.ndarray, count: Sequence[int]) ->
 
 
 def ways_to_check(loop: ModeLoop, cells: Cells) -> tuple[tuple[Any, str], ...]:
-    """Arithmetics in which a set is checked, and their words: a small one in whole numbers first.
+    """Kinds of numbers in which a set is checked, and their words: a small one in whole numbers.
 
     Whole numbers go by the mean value theorem. Lines of floats are a little tighter, so they may
     confirm what whole numbers do not.

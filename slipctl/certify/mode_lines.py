@@ -4,8 +4,8 @@
 
 e_k is where in its cell real state k is; the rest is all else: what pushes, what bends, and all
 roundings. Beside it stands the plain interval of ``Boxes``; both hold, and what they have in common
-counts. A value that a tick computes is bounded by a few operations on arrays of floats, each of
-which adds a bound of its rounding to the rest (affine arithmetic after Stolfi and Figueiredo).
+counts. A value that a tick computes takes a few operations on arrays of floats. Each of them adds
+a bound of its rounding to the rest: affine arithmetic, after Stolfi and Figueiredo.
 """
 
 from __future__ import annotations
