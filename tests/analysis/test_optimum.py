@@ -112,7 +112,7 @@ def test_the_higher_peak_may_have_the_lower_point_on_the_grid():
 def needle(
     x=Input("1", "argument"), at=Param("1", 0.0), side=Param("1", 1.0), slope=Param("1", 1.0)
 ):
-    """A bell of height 1 and a ramp that ends at 1 with a height of slope, mirrored by side = -1."""
+    """A bell of height 1, and a ramp that ends at 1 with a height of slope; side -1 mirrors it."""
     z = side * x
     return ca.exp(-(((z - at) / 0.004) ** 2)) + slope * ca.fmax(0, 2 * z - 1)
 
