@@ -30,10 +30,10 @@ class Rolls:
         self.best, self.broken, self.done, self.seen = best, broken, 0, list[tuple[int, int]]()
 
     def all(self, stream: int, asked: Sequence[tuple[int, Mapping[str, float], int]]) -> list[Any]:
-        assert stream == 0
-        self.done += len(asked)
-        self.seen += [(number, k) for number, _, k in asked]
-        return [self.metrics(numbers, k) for _, numbers, k in asked]
+        if stream == 0:
+            self.done += len(asked)
+            self.seen += [(number, k) for number, _, k in asked]
+        return [self.metrics(numbers, k + 20 * stream) for _, numbers, k in asked]
 
     def metrics(self, numbers: Mapping[str, float], k: int) -> dict[str, Metric] | None:
         a, b = numbers["ctl.a"], numbers["ctl.b"]
