@@ -11,6 +11,7 @@ import pytest
 from scipy.stats import qmc
 
 from slipctl import BadInput, Input, Known, Output, Param, Rail, Scenario, Section, State, step
+from slipctl.run.numbers import _other
 from slipctl.run.sweep.ensemble import Ensemble, World, load_ensemble, read_ensemble
 from slipctl.run.sweep.sweep_plan import BATCH, plan_of
 
@@ -175,3 +176,18 @@ def test_seeds_where_nothing_is_noisy_are_refused_or_told():
         world(Ensemble(seeds=True), quiet)
     both = world(Ensemble({"m": "50:60"}, seeds=True), quiet)
     assert both.notes == ("car has no noise in scenario plain: seeds have no effect there",)
+
+
+@pytest.mark.parametrize("hi", [4.0, 9.0])
+@pytest.mark.parametrize("numbers", [(1.0, 4.0), (4.0, 1.0), (4.0, 4.0), (2.0, 3.0)])
+def test_a_number_that_is_to_be_seen_is_none_of_those_before(numbers, hi):
+    """In its range, within a billionth, whichever of them it was."""
+    signals = [Param("1", v, lo=0, hi=hi).named(f"p{k}") for k, v in enumerate(numbers)]
+    signals.insert(0, Param("1", "2*p1").named("derived"))
+    found = _other(signals, 4.0)
+    assert found not in numbers
+    assert found == pytest.approx(4.0, rel=1e-8)
+    assert found <= hi
+    row = _other([Param("1", (1.0, 4.0), shape=(2,), hi=hi).named("row")], (2.0, 4.0))
+    assert row[1] != 4.0
+    assert row == pytest.approx([2.0, 4.0], rel=1e-8)
