@@ -127,7 +127,7 @@ def read_axes(text: str, system: System, numbers: Mapping[str, Fraction]) -> tup
             pair = ends.split(":")
             if len(pair) != 2:
                 raise BadInput(f"--map {part!r}: write {name}=LO:HI")
-            lo, hi = read_range(*pair, unit, f"--map {name}")
+            lo, hi = read_range(pair[0], pair[1], unit, f"--map {name}")
         elif not numbers.get(name):
             raise BadInput(f"--map {text}: {name} is not given, so its axis needs a range;"
                            f" write {name}=LO:HI")  # fmt: skip

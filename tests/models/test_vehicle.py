@@ -470,7 +470,7 @@ def test_a_law_on_the_train_is_odd_and_the_same_where_it_is_positive():
     ("change", "told"),
     [
         (lambda: Vehicle(speed=20.0, inertia=1.0), "neither mass nor tare"),
-        (lambda: replace(CAR, rotating_mass=0.08), "both of inertia"),
+        (lambda: replace(CAR, rotating_mass=0.08), "both are given"),
         (lambda: replace(CAR, radius=(0.4, 0.4)), "2 values for 4 axles"),
         (lambda: replace(CAR, driven=(1,)), "driven vehicle"),
         (lambda: replace(CAR, mass=-1.0), "outside"),

@@ -124,7 +124,7 @@ def ranges(trip: Trip) -> tuple[Ranges, tuple[str, ...]]:
         ends = text.split(":")
         if len(ends) != 2:
             raise BadInput(f'ensemble.draw.{name}: {text!r} is no range; write "34 t:42 t"')
-        numbers[own] = read_range(*ends, units[own], f"ensemble.draw.{name}")
+        numbers[own] = read_range(ends[0], ends[1], units[own], f"ensemble.draw.{name}")
     for name, text in drawn.scale.items() if drawn else ():
         match = FACTOR.fullmatch(text)
         if match is None:

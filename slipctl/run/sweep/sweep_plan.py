@@ -77,7 +77,7 @@ def read_axis(text: str, loop: Block, scenario: Scenario, door: str = "--vary") 
         signal = loop.declared(n)
         if signal.shape:
             raise BadInput(f"{door} {name}: {n} has several numbers, shape {signal.shape}")
-        ends.append((signal, read_range(*parts[:2], signal.unit, name)))
+        ends.append((signal, read_range(parts[0], parts[1], signal.unit, name)))
     signal, (lo, hi) = ends[0]
     if not lo < hi:
         raise BadInput(f"{door} {text!r}: {lo:g} to {hi:g} is no range; write lo < hi")
