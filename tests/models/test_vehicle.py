@@ -42,9 +42,12 @@ from slipctl.models.vehicle import (
     loop,
     scenario,
 )
+from slipctl.models.vehicle.adhesion import rail_law
 from slipctl.models.vehicle.parts import SLIP_LAWS
 from slipctl.models.vehicle.plant import on_train
+from slipctl.models.vehicle.trip import best_of_rail
 from slipctl.models.wheel_rail.contact import patch
+from slipctl.models.wheel_rail.contact import peak as peak_at
 
 DRY = Track(sections=(Stretch(place=0.0, condition="dry"),))
 CAR = Vehicle(mass=38e3, inertia=110.0, speed=20.0)
@@ -427,6 +430,22 @@ def test_polachs_law_is_of_the_wheel_that_it_carries():
     measured = {n: 1.1 * v for n, v in patch(46598.0, 0.42).items()} | {"Q": 46598.0}
     own = run(trip(rail=replace(laid, conditions={"dry": measured}), duration=0.01))
     assert float(own["plant.train.v"][-1]) < 20.0
+
+
+def test_the_peak_of_a_law_that_depends_on_the_speed_is_that_of_each_tick():
+    """It was that at 10 m/s all the way, and a wheel used 102 % of it."""
+    laid = replace(DRY, law="polach", conditions={"dry": {}})
+    made = trip(rail=laid, duration=0.3)
+    log = run(made)
+    law, v = rail_law(made), np.asarray(log["plant.train.v"])
+    known = best_of_rail(made)
+    slip, peak = (known[f"rail.best_{n}"].values(log) for n in ("slip", "adhesion"))
+    for k in (0, len(v) // 2, len(v) - 1):
+        found = peak_at(float(v[k]), law.conditions["dry"], law)
+        assert peak[k] == pytest.approx(found.value, rel=2e-3)
+        assert law(v_s=float(slip[k, 0]), v=float(v[k]), **law.conditions["dry"])["mu"] == (
+            pytest.approx(found.value, rel=1e-3)
+        )
 
 
 def test_a_gated_block_begins_anew():
