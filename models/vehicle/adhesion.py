@@ -8,6 +8,7 @@ slips gives energy. One above 1 carries more than what presses the wheel on the 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
@@ -18,7 +19,7 @@ from slipctl import BadInput, Block, argmax, make_block
 from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.errors import Faults, nearest
 from slipctl.models.vehicle.parts import Contamination, Trip
-from slipctl.models.vehicle.plant import on_train
+from slipctl.models.vehicle.plant import odd_height, on_train
 from slipctl.models.wheel_rail.rail_memory import blended_law
 from slipctl.study.resolve import load_block
 
@@ -233,20 +234,25 @@ def contaminated_law(trip: Trip, clean: Block) -> Block:
     return clean if part is None else blended_law(layer_law(trip, part), on_train(clean))
 
 
-def on_both_sides(curve: Block) -> Block:
-    """A law from a slip of one sign, made odd in it: what exponentials do below 0 is no adhesion.
+@lru_cache(maxsize=8)
+def odd_law(curve: Block) -> Block:
+    """Law from a slip of one sign, made odd in it: what exponentials do below 0 is no adhesion.
 
     Args:
-        curve: law from ``v_s``, with what is estimated as inputs.
+        curve: law from ``v_s``.
     """
 
     def body(x: Any, u: Any, p: Any) -> Any:
-        turn = ca.if_else(u["v_s"] >= 0, 1, -1)
-        found = curve.expr({}, {**u, "v_s": turn * u["v_s"]}, p)[1]
-        return {}, {n: turn * value for n, value in found.items()}
+        return {}, {
+            n: odd_height(lambda s, n=n: curve.expr({}, {"v_s": s}, p)[1][n], u["v_s"])
+            for n in curve.outputs
+        }
 
+    data = curve.law_data
     return make_block(
         curve.name, "law", body, inputs=list(curve.inputs.values()),
         params=list(curve.params.values()), outputs=list(curve.outputs.values()), sx=curve.sx,
-        choices=curve.choices, doc=f"{curve.doc}\n\nOdd in the slip.",
+        conditions=curve.conditions, closed_form=data.closed_form, coordinates=data.coordinates,
+        measured_to=data.measured_to, meant_to=data.meant_to, choices=curve.choices,
+        doc=f"{curve.doc}\n\nOdd in the slip.",
     )  # fmt: skip

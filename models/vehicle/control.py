@@ -33,7 +33,7 @@ from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
 from slipctl.models.common_form import Wheel
 from slipctl.models.predictive.predictive_slip import predictive
-from slipctl.models.vehicle.adhesion import numbers_of, on_both_sides
+from slipctl.models.vehicle.adhesion import numbers_of, odd_law
 from slipctl.models.vehicle.air.valve_control import (
     gives_bits,
     own_slide_protection,
@@ -145,7 +145,7 @@ def typical_slip(reference: Reference, speed: float) -> float:
 
 
 def law_and_guess(part: Searched) -> tuple[Block, dict[str, float]]:
-    """Law that a search fits, and the first guess of its parameters.
+    """Law that a search fits, odd in the slip, and the first guess of its parameters.
 
     Raises:
         BadInput: no such law, or one that does not go from ``v_s`` alone; an unknown parameter.
@@ -163,7 +163,7 @@ def law_and_guess(part: Searched) -> tuple[Block, dict[str, float]]:
         begin = dict(best_slip.START)
     else:
         begin = {n: float(curve.params[n].value) for n in names}
-    return curve, {n: begin.get(n, float(curve.params[n].value)) for n in names}
+    return odd_law(curve), {n: begin.get(n, float(curve.params[n].value)) for n in names}
 
 
 # ---- all of one axle -----------------------------------------------------------------------------
@@ -395,7 +395,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
         wires |= {"reference.searched": inner.pop("v_best"), "reference.v": "trust.v"}
         ports["v_best"] = "reference.v_best"
         ports |= {n: inner.pop(n) for n in unknown_parameters(curve, None)}
-        parts |= dict(found) | {"curve": on_both_sides(found["curve"])}
+        parts |= dict(found)
         wires |= inner | {
             "estimator.mu": "sample.mu",
             "estimator.v_s": "sample.v_s",
