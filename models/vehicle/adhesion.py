@@ -19,7 +19,7 @@ from slipctl import BadInput, Block, argmax, make_block
 from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.errors import Faults, nearest
 from slipctl.models.vehicle.parts import Contamination, Trip
-from slipctl.models.vehicle.plant import odd_height, on_train
+from slipctl.models.vehicle.plant import on_train
 from slipctl.models.wheel_rail.rail_memory import blended_law
 from slipctl.study.resolve import load_block
 
@@ -238,15 +238,18 @@ def contaminated_law(trip: Trip, clean: Block) -> Block:
 def odd_law(curve: Block) -> Block:
     """Law from a slip of one sign, made odd in it: what exponentials do below 0 is no adhesion.
 
+    The size of the slip is written so that the slope at 0 is the law's own, which a plan needs,
+    and so that an interval of it has no sign.
+
     Args:
         curve: law from ``v_s``.
     """
 
     def body(x: Any, u: Any, p: Any) -> Any:
-        return {}, {
-            n: odd_height(lambda s, n=n: curve.expr({}, {"v_s": s}, p)[1][n], u["v_s"])
-            for n in curve.outputs
-        }
+        s = u["v_s"]
+        found = curve.expr({}, {"v_s": ca.fmax(s, 0) + ca.fmax(0, -s)}, p)[1]
+        side = ca.if_else(s >= 0, 1, -1)
+        return {}, {n: side * value for n, value in found.items()}
 
     data = curve.law_data
     return make_block(

@@ -26,6 +26,7 @@ from slipctl import (
     every,
     gated,
     make_block,
+    opened,
     replicate,
 )
 from slipctl.estimate.model import unknown_parameters
@@ -145,7 +146,10 @@ def typical_slip(reference: Reference, speed: float) -> float:
 
 
 def law_and_guess(part: Searched) -> tuple[Block, dict[str, float]]:
-    """Law that a search fits, odd in the slip, and the first guess of its parameters.
+    """Law that a search fits, and the first guess of its parameters.
+
+    Samples that it is fitted to, and slips that are searched, are not below 0 by more than noise.
+    Where a slip may be any, in a plan and for the adhesion force, it is :func:`odd_law`.
 
     Raises:
         BadInput: no such law, or one that does not go from ``v_s`` alone; an unknown parameter.
@@ -163,7 +167,7 @@ def law_and_guess(part: Searched) -> tuple[Block, dict[str, float]]:
         begin = dict(best_slip.START)
     else:
         begin = {n: float(curve.params[n].value) for n in names}
-    return odd_law(curve), {n: begin.get(n, float(curve.params[n].value)) for n in names}
+    return curve, {n: begin.get(n, float(curve.params[n].value)) for n in names}
 
 
 # ---- all of one axle -----------------------------------------------------------------------------
@@ -201,7 +205,7 @@ def slip_law(trip: Trip, part: Controller, w: Wheel) -> tuple[Block, bool]:
         settings = {n: getattr(part, n) for n in names}
         settings |= {n: int(settings[n]) for n in ("ticks", "horizon")}
         return predictive(
-            law_and_guess(searching)[0], **settings, tick=trip.control.period, gate=True
+            odd_law(law_and_guess(searching)[0]), **settings, tick=trip.control.period, gate=True
         )(w), True
     if isinstance(part, ScheduledPI):
         block = scheduled_pi.with_params(
@@ -431,6 +435,7 @@ def _searched(
 ) -> tuple[Mapping[str, Block], Mapping[str, str]]:
     """Parts that find the best slip, and their wires; made once for all controllers of a trip."""
     parts, wires = best_slip.search_parts(curve, dict(begin), noise, ticks, tick, runs)
+    parts["curve"] = opened(odd_law(curve))
     return parts | searched_ranges(parts, curve, dict(begin)), wires
 
 

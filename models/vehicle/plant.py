@@ -10,7 +10,6 @@ braked wheel; a driven one is seen in the mirror, see models/common_form.py.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -43,16 +42,6 @@ from slipctl.models.zhang_2021.hst_braking import davis
 ADDED = "of the vehicle"
 
 
-def odd_height(height: Callable[[Any], Any], slip: Any) -> Any:
-    """Height of a law at a slip of either sign: odd, and by its own derivative at 0.
-
-    Args:
-        height: of the law at a slip that is not negative. slip: of either sign.
-    """
-    side = if_else(slip >= 0, 1, -1)
-    return side * height(side * slip)
-
-
 def on_train(adhesion: Block) -> Block:
     """Law as a train takes it: from creep and train speed to mu, odd in the creep.
 
@@ -76,15 +65,13 @@ def on_train(adhesion: Block) -> Block:
     turn = 1 if inputs[slip].positive == source.outputs["mu"].positive else -1
 
     def body(x: Any, u: Any, p: Any) -> Any:
-        speed = fabs(u["v"])
-        beside = {"v": speed} if "v" in inputs else {}
+        s, speed = fabs(u["v_s"]), fabs(u["v"])
+        if slip == "lam":
+            s = s / fmax(speed, p["v_least"])
+        given = {slip: s} | ({"v": speed} if "v" in inputs else {})
         own = {k: p[k] for k in source.params}
-
-        def height(s: Any) -> Any:
-            creep = s / fmax(speed, p["v_least"]) if slip == "lam" else s
-            return turn * source.expr({}, {slip: creep} | beside, own)[1]["mu"]
-
-        return {}, {"mu": odd_height(height, u["v_s"])}
+        height = turn * source.expr({}, given, own)[1]["mu"]
+        return {}, {"mu": if_else(u["v_s"] >= 0, height, -height)}
 
     params = list(source.params.values())
     if slip == "lam":

@@ -34,6 +34,9 @@ from slipctl.models.vehicle.parts import (
 APART = 3.0
 """Logarithm of the factor by which an estimate may be from its first guess, in each unknown."""
 
+FASTEST = 1e3
+"""Slip in m/s that no wheel has."""
+
 FAR_OFF = 1e6
 """End of a range that has none of its own."""
 
@@ -45,7 +48,8 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
     """Declare the ranges of what the control of a vehicle holds. It judges its inputs itself."""
     numbers = of_inputs(trip, w)
     fastest, spin = numbers["fastest"], numbers["most"]
-    slip = fastest + 1.2 * w.r * spin  # a ratio of wheels is within a tenth of 1
+    rim = 1.2 * w.r * spin  # a ratio of wheels is within a tenth of 1
+    slip = fastest + rim
     slipping = (-slip, slip, "a wheel that spins, either way, and the vehicle's speed")
     top = 1.25 * w.T_max
     most = (-top, top, "a quarter more than the largest, either way")
@@ -70,7 +74,7 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
         "reference.v_best": (0, max(20.0, fastest), "no more than the speed"),
         "trust.omega_h": (-spin, spin, "a wheel that spins free"),
         "trust.mean": (-spin, spin, "a wheel that spins free"),
-        "trust.rim": (-slip, slip, "a wheel that spins free, and the vehicle's speed"),
+        "trust.rim": (-rim, rim, "a wheel that spins free"),  # which is faster than the vehicle
         "trust.torque": (0, w.T_max, "as commanded"),
         "trust.T_b": most,
         "trust.radius": (0.2 * (1 - WORN), 1 + WORN, "no wheel is worn by more"),
@@ -87,7 +91,7 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
         "trust.ban": (0, 10, "it is set to that"),
         "trust.rest": (0, 10, "it is set to that"),
         "trust.given_h": speed,
-        "trust.lead_h": (-1.2 * w.r * spin, 1.2 * w.r * spin, "a wheel that spins free"),
+        "trust.lead_h": (-rim, rim, "a wheel that spins free"),
         "trust.moved": (-NEVER, NEVER, "more is not counted"),
         "trust.total": (0, axles * w.T_max, "of all axles"),
         "trust.learnt": (0, 1, "it is limited"),
@@ -126,7 +130,7 @@ def height_of(
 def searched_ranges(
     parts: Mapping[str, Block], curve: Block, begin: Mapping[str, float]
 ) -> dict[str, Block]:
-    """Estimator and search with ranges that follow from one another.
+    """Estimator, search and curve with ranges that follow from one another.
 
     An estimate goes no further from its first guess than a factor of e^``APART``, and slips that an
     estimator takes are no less than ``-BEHIND``. So what it predicts has ends, and with them its
@@ -147,7 +151,9 @@ def searched_ranges(
     rows |= {f"held_{n}": row for n, row in rows.items()}
     told = {n: (curve.params[n].lo, curve.params[n].hi) for n in begin}
     ends = (*height_of(curve, told, (0.0, 20.0)), why)
+    force = max(map(abs, height_of(curve, told, (0.0, FASTEST))))
     return {
+        "curve": of_those(parts["curve"], {"mu": (-force, force, why)}),
         "estimator": of_those(estimator, rows),
         "search": of_those(parts["search"], {"value": ends, "held_value": ends}),
     }
