@@ -60,7 +60,7 @@ def drawn_vehicle(rng: random.Random, kind: str) -> dict[str, Any]:
             "resistance": {"a": "1.2 kN", "b": "12 N s/m", "c": "4.5 N s^2/m^2"},
         },
         "actuator": {"kind": "lag", "torque": f"{torque:.0f} N m",
-                     "lag": f"{rng.uniform(30, 120):.0f} ms",
+                     "lag": f"{rng.uniform(30, 75):.0f} ms",
                      "dead_time": f"{rng.randrange(0, 60)} ms"},
         "rail": {
             "law": "exponential_tail", "conditions": {"leaves": {"c": 0.09, "s": 0.03}},

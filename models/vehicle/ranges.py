@@ -96,6 +96,9 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
         "trust.total": (0, axles * w.T_max, "of all axles"),
         "trust.learnt": (0, 1, "it is limited"),
         "trust.seen": (0, 1, FLAG),
+        "trust.kept_pace": (0, 1, FLAG),
+        "trust.lost_v": (0, NEVER, "more is not counted"),
+        "trust.lost_rim": (0, NEVER, "more is not counted"),
     }  # fmt: skip
     if "trust.v_h" not in block.states:  # nothing judges the demand
         rows["T_demand"] = far
@@ -192,7 +195,10 @@ def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
     )
     if trip.control.demand_lost not in ("", "largest"):
         lost = float(torque_of(trip.control.demand_lost))
+    # of brakes that it is not told, and of a speed that is the wheels' own, it cannot know
+    alone = not (vehicle.track_brake or vehicle.dynamic_brake or trip.sensors.of_wheels)
     return {
+        "pace": 2 * min(gate, 50.0) + 2 * w.r * noise + 0.5 if alone else NEVER,
         "fastest": fastest, "most": 1.5 * fastest / w.r, "gate": min(gate, 50.0), "noise": noise,
         "noise_slow": slow, "slow": 2 * slow, "unseen": unseen,
         "react": min(0.3 + 1.2 * lag + act.dead_time + full, 10.0), "lost": lost,
