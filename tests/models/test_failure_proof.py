@@ -81,7 +81,7 @@ def axle_of_each(signals):
     """Of each element of signals the axle that it belongs to, None where it is common to all."""
     found = []
     for name, s in signals.items():
-        apart = s.shape != () and s.shape[-1] == AXLES
+        apart = s.shape != () and s.shape[-1] % AXLES == 0  # the copies stand beside each other
         found += [(name, k // (s.size // AXLES) if apart else None) for k in range(s.size)]
     return found
 
