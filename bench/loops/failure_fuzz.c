@@ -1,4 +1,4 @@
-/* libFuzzer tries to break what the failure concept of a vehicle's controller promises: see failure_fuzz.py.
+/* libFuzzer tries to break what the failure concept of a vehicle's controller promises: see bench/failure_fuzz.py.
  * Any bits on the sensors of the first axle, at any time and for as long as it likes:
  *  (a) every output is finite, each command lies between 0 and the demand. While the believed speed is the one that
  *      is believed without the fault, the commands of the other axles are the same bits.
@@ -13,7 +13,7 @@
 #define CAT(a, b) CAT2(a, b)
 #define F(x) CAT(M, x)
 #define LIMIT 0.4 /* s; the file has 10: shorter, so that an input comes to it */
-#define TICK 1e-3
+#define TICK par.safe_T
 typedef F(_in) in_t;
 typedef F(_out) out_t;
 typedef F(_state) st_t;

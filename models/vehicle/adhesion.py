@@ -8,6 +8,7 @@ slips gives energy. One above 1 carries more than what presses the wheel on the 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
@@ -248,20 +249,28 @@ def contaminated_law(trip: Trip, clean: Block) -> Block:
     return clean if part is None else blended_law(layer_law(trip, part), on_train(clean))
 
 
-def on_both_sides(curve: Block) -> Block:
-    """A law from a slip of one sign, made odd in it: what exponentials do below 0 is no adhesion.
+@lru_cache(maxsize=8)
+def odd_law(curve: Block) -> Block:
+    """Law from a slip of one sign, made odd in it: what exponentials do below 0 is no adhesion.
+
+    The size of the slip is written so that the slope at 0 is the law's own, which a plan needs,
+    and so that an interval of it has no sign.
 
     Args:
-        curve: law from ``v_s``, with what is estimated as inputs.
+        curve: law from ``v_s``.
     """
 
     def body(x: Any, u: Any, p: Any) -> Any:
-        turn = ca.if_else(u["v_s"] >= 0, 1, -1)
-        found = curve.expr({}, {**u, "v_s": turn * u["v_s"]}, p)[1]
-        return {}, {n: turn * value for n, value in found.items()}
+        s = u["v_s"]
+        found = curve.expr({}, {"v_s": ca.fmax(s, 0) + ca.fmax(0, -s)}, p)[1]
+        side = ca.if_else(s >= 0, 1, -1)
+        return {}, {n: side * value for n, value in found.items()}
 
+    data = curve.law_data
     return make_block(
         curve.name, "law", body, inputs=list(curve.inputs.values()),
         params=list(curve.params.values()), outputs=list(curve.outputs.values()), sx=curve.sx,
-        choices=curve.choices, doc=f"{curve.doc}\n\nOdd in the slip.",
+        conditions=curve.conditions, closed_form=data.closed_form, coordinates=data.coordinates,
+        measured_to=data.measured_to, meant_to=data.meant_to, choices=curve.choices,
+        doc=f"{curve.doc}\n\nOdd in the slip.",
     )  # fmt: skip

@@ -26,6 +26,7 @@ from slipctl import (
     every,
     gated,
     make_block,
+    opened,
     replicate,
 )
 from slipctl.estimate.model import unknown_parameters
@@ -33,7 +34,7 @@ from slipctl.models import best_slip, sensors
 from slipctl.models import common_form as form
 from slipctl.models.common_form import Wheel
 from slipctl.models.predictive.predictive_slip import predictive
-from slipctl.models.vehicle.adhesion import numbers_of, on_both_sides
+from slipctl.models.vehicle.adhesion import numbers_of, odd_law
 from slipctl.models.vehicle.air.valve_control import (
     gives_bits,
     own_slide_protection,
@@ -147,6 +148,9 @@ def typical_slip(reference: Reference, speed: float) -> float:
 def law_and_guess(part: Searched) -> tuple[Block, dict[str, float]]:
     """Law that a search fits, and the first guess of its parameters.
 
+    Samples that it is fitted to, and slips that are searched, are not below 0 by more than noise.
+    Where a slip may be any, in a plan and for the adhesion force, it is :func:`odd_law`.
+
     Raises:
         BadInput: no such law, or one that does not go from ``v_s`` alone; an unknown parameter.
     """
@@ -201,7 +205,7 @@ def slip_law(trip: Trip, part: Controller, w: Wheel) -> tuple[Block, bool]:
         settings = {n: getattr(part, n) for n in names}
         settings |= {n: int(settings[n]) for n in ("ticks", "horizon")}
         return predictive(
-            law_and_guess(searching)[0], **settings, tick=trip.control.period, gate=True
+            odd_law(law_and_guess(searching)[0]), **settings, tick=trip.control.period, gate=True
         )(w), True
     if isinstance(part, ScheduledPI):
         block = scheduled_pi.with_params(
@@ -395,7 +399,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
         wires |= {"reference.searched": inner.pop("v_best"), "reference.v": "trust.v"}
         ports["v_best"] = "reference.v_best"
         ports |= {n: inner.pop(n) for n in unknown_parameters(curve, None)}
-        parts |= dict(found) | {"curve": on_both_sides(found["curve"])}
+        parts |= dict(found)
         wires |= inner | {
             "estimator.mu": "sample.mu",
             "estimator.v_s": "sample.v_s",
@@ -431,6 +435,7 @@ def _searched(
 ) -> tuple[Mapping[str, Block], Mapping[str, str]]:
     """Parts that find the best slip, and their wires; made once for all controllers of a trip."""
     parts, wires = best_slip.search_parts(curve, dict(begin), noise, ticks, tick, runs)
+    parts["curve"] = opened(odd_law(curve))
     return parts | searched_ranges(parts, curve, dict(begin)), wires
 
 

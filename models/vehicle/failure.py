@@ -75,6 +75,10 @@ def _failures(turn: int) -> list[tuple[str, ...]]:
          " then {lost}", "that demand", f"{HOLD:g} s"),
         ("start or restart in motion", f"fewer than {SETTLED:g} s of good samples; `trust.ready`",
          "the demand", f"no slip control for {SETTLED:g} s", "the first tick"),
+        ("the controller is called three times less often than made for, or less",
+         "sensor and wheels both lose {pace} more than brakes and 1 m/s^2 can take; `trust.paced`",
+         "it is told until the next start", "a slip control that is too slow",
+         "about 3 s of braking"),
         ("all axles together are released too long", "the commands fall or are below a tenth of"
          " the demand; `trust.retry`", "the demand for {again}, then slip control again"
          if turn > 0 else "the safe output for {again}, then slip control again", "",
@@ -140,9 +144,10 @@ def _speed(
     kept = dict(
         v_h=car.v, bias=car.bias, seen=car.v_ok, off=car.off, on=if_else(wrong, 0, car.on),
         back=car.back, age=clip_to_range(s["age"] + s["T"], 0, NEVER), given_h=car.given,
-        lead_h=car.lead_then, moved=car.moved,
+        lead_h=car.lead_then, moved=car.moved, lost_v=car.lost_v, lost_rim=car.lost_rim,
+        kept_pace=car.paced,
     )  # fmt: skip
-    return kept, dict(v=believed, v_ok=car.v_ok), wrong
+    return kept, dict(v=believed, v_ok=car.v_ok, paced=car.paced), wrong
 
 
 def _axles(

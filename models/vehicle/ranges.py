@@ -34,6 +34,9 @@ from slipctl.models.vehicle.parts import (
 APART = 3.0
 """Logarithm of the factor by which an estimate may be from its first guess, in each unknown."""
 
+FASTEST = 1e3
+"""Slip in m/s that no wheel has."""
+
 FAR_OFF = 1e6
 """End of a range that has none of its own."""
 
@@ -45,7 +48,8 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
     """Declare the ranges of what the control of a vehicle holds. It judges its inputs itself."""
     numbers = of_inputs(trip, w)
     fastest, spin = numbers["fastest"], numbers["most"]
-    slip = fastest + 1.2 * w.r * spin  # a ratio of wheels is within a tenth of 1
+    rim = 1.2 * w.r * spin  # a ratio of wheels is within a tenth of 1
+    slip = fastest + rim
     slipping = (-slip, slip, "a wheel that spins, either way, and the vehicle's speed")
     top = 1.25 * w.T_max
     most = (-top, top, "a quarter more than the largest, either way")
@@ -70,7 +74,7 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
         "reference.v_best": (0, max(20.0, fastest), "no more than the speed"),
         "trust.omega_h": (-spin, spin, "a wheel that spins free"),
         "trust.mean": (-spin, spin, "a wheel that spins free"),
-        "trust.rim": (-slip, slip, "a wheel that spins free, and the vehicle's speed"),
+        "trust.rim": (-rim, rim, "a wheel that spins free"),  # which is faster than the vehicle
         "trust.torque": (0, w.T_max, "as commanded"),
         "trust.T_b": most,
         "trust.radius": (0.2 * (1 - WORN), 1 + WORN, "no wheel is worn by more"),
@@ -87,11 +91,14 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
         "trust.ban": (0, 10, "it is set to that"),
         "trust.rest": (0, 10, "it is set to that"),
         "trust.given_h": speed,
-        "trust.lead_h": (-1.2 * w.r * spin, 1.2 * w.r * spin, "a wheel that spins free"),
+        "trust.lead_h": (-rim, rim, "a wheel that spins free"),
         "trust.moved": (-NEVER, NEVER, "more is not counted"),
         "trust.total": (0, axles * w.T_max, "of all axles"),
         "trust.learnt": (0, 1, "it is limited"),
         "trust.seen": (0, 1, FLAG),
+        "trust.kept_pace": (0, 1, FLAG),
+        "trust.lost_v": (0, NEVER, "more is not counted"),
+        "trust.lost_rim": (0, NEVER, "more is not counted"),
     }  # fmt: skip
     if "trust.v_h" not in block.states:  # nothing judges the demand
         rows["T_demand"] = far
@@ -126,7 +133,7 @@ def height_of(
 def searched_ranges(
     parts: Mapping[str, Block], curve: Block, begin: Mapping[str, float]
 ) -> dict[str, Block]:
-    """Estimator and search with ranges that follow from one another.
+    """Estimator, search and curve with ranges that follow from one another.
 
     An estimate goes no further from its first guess than a factor of e^``APART``, and slips that an
     estimator takes are no less than ``-BEHIND``. So what it predicts has ends, and with them its
@@ -147,7 +154,9 @@ def searched_ranges(
     rows |= {f"held_{n}": row for n, row in rows.items()}
     told = {n: (curve.params[n].lo, curve.params[n].hi) for n in begin}
     ends = (*height_of(curve, told, (0.0, 20.0)), why)
+    force = max(map(abs, height_of(curve, told, (0.0, FASTEST))))
     return {
+        "curve": of_those(parts["curve"], {"mu": (-force, force, why)}),
         "estimator": of_those(estimator, rows),
         "search": of_those(parts["search"], {"value": ends, "held_value": ends}),
     }
@@ -186,7 +195,10 @@ def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
     )
     if trip.control.demand_lost not in ("", "largest"):
         lost = float(torque_of(trip.control.demand_lost))
+    # of brakes that it is not told, and of a speed that is the wheels' own, it cannot know
+    alone = not (vehicle.track_brake or vehicle.dynamic_brake or trip.sensors.of_wheels)
     return {
+        "pace": 2 * min(gate, 50.0) + 2 * w.r * noise + 0.5 if alone else NEVER,
         "fastest": fastest, "most": 1.5 * fastest / w.r, "gate": min(gate, 50.0), "noise": noise,
         "noise_slow": slow, "slow": 2 * slow, "unseen": unseen,
         "react": min(0.3 + 1.2 * lag + act.dead_time + full, 10.0), "lost": lost,

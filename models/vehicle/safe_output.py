@@ -206,8 +206,8 @@ def begun_at_torque(block: Block, state: str, sign: float) -> Block:
     )  # fmt: skip
 
 
-NO_END = 1e300
-"""End of a range that has none."""
+NO_END = 1e38
+"""End of a range that has none; float has such a number too."""
 
 
 def contained_block(block: Block) -> Block:

@@ -6,6 +6,7 @@ import argparse
 import logging
 from pathlib import Path
 
+from slipctl.block.transforms.discretisation import runs_of_part
 from slipctl.ccode import codegen
 from slipctl.ccode.check.processor import load
 from slipctl.ccode.check.vectors import search
@@ -66,21 +67,21 @@ def answer(options: argparse.Namespace, command: str) -> int:
         part = asked.part or options.part or study.controller
         words = [] if part == study.controller else part.split(".")
         try:
-            control = loop[part]
+            runs = runs_of_part(loop, part)
         except BadInput as error:
             what = "part" if asked.part or options.part else "controller"
             raise BadInput(f"{name} has no {what} to write: {error}") from None
         if vectors:
-            inputs = read_vectors(vectors, control)
+            inputs = read_vectors(vectors, runs.block)
             _, params = codegen.record_part(loop, part, case.scenario, 1)
         else:
             log.info("running %s for its inputs", name)
             ticks = None if options.check else codegen.KEPT
             inputs, params = codegen.record_part(loop, part, case.scenario, ticks)
         report = codegen.export(
-            control, out,
+            runs.block, out,
             options.module or "_".join([study.name, asked.loop, *words]),
-            inputs=inputs, params=params, period=loop.period, **wanted,
+            inputs=inputs, params=params, period=runs.period, **wanted,
         )  # fmt: skip
     print(store.text_of(out / "report.json") if options.json else report)
     if len(report.data["name"]) > codegen.SIGNIFICANT:

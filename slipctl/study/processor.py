@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from slipctl.block.block import Block
+from slipctl.block.transforms.discretisation import runs_of_part
 from slipctl.ccode import codegen
 from slipctl.ccode.check.processor import load
 from slipctl.ccode.check.processor.in_loop import FAULTS, Stored, run_in_loop
@@ -129,7 +130,8 @@ def compare(
             raise BadInput(f"--seconds {seconds:g} holds no tick of {name}; give more")
         length = min(seconds, case.scenario.duration)
         case = replace(case, scenario=replace(case.scenario, duration=length))
-    wanted = _faults(faults, round(case.scenario.duration / (loop.period or 1.0)))
+    runs = runs_of_part(loop, part)
+    wanted = _faults(faults, round(case.scenario.duration / (runs.period or 1.0)))
     log = [*loop.inputs, *loop.outputs, *loop.states]
     if wanted and study.signals.find("slip", dict.fromkeys(log)) is None:
         raise BadInput(f"--fault: {name} logs no slip to recover; leave --fault out")
@@ -137,7 +139,7 @@ def compare(
     targets.emulator(target)
     report("Python", 0.0)
     python = simulate(loop, case.scenario, log=log)
-    plan = Plan(loop[part], part.replace(".", "_"), loop.period, real)
+    plan = Plan(runs.block, part.replace(".", "_"), runs.period, real)
     params = codegen.logged_params(loop, part, python)
     began = time.perf_counter()
     with Rig(plan, codegen.texts(plan), target, params) as rig:
@@ -147,7 +149,7 @@ def compare(
     data: dict[str, Any] = {
         "name": name, "part": part, "target": target, "real": real, "seconds": took,
         "instructions": (count := _counted(steps)),
-        "load": load.load(count["mean"], count["most"], loop.period, hertz),
+        "load": load.load(count["mean"], count["most"], runs.period, hertz),
         **_judged(study, case, loop, part, python, got, wanted, real, params, report),
     }  # fmt: skip
     failed = _failed(data)
@@ -281,7 +283,11 @@ def _moved(
     for seed in ROUNDINGS:
         how = "floats to nearest" if seed is None else f"floats at random, seed {seed}"
         got = run_in_loop(
-            loop, part, case.scenario, Stored(loop[part], params, seed), report=partial(report, how)
+            loop,
+            part,
+            case.scenario,
+            Stored(runs_of_part(loop, part).block, params, seed),
+            report=partial(report, how),
         )
         again = _metrics(study, case, got.data)
         for n, value in wanted.items():
@@ -300,16 +306,17 @@ def _close(a: float | None, b: float | None, moved: float) -> bool:
 
 def _statuses(loop: Block, part: str, python: Any) -> np.ndarray:
     """Status that the guards of the C have in each tick, by the run in Python."""
-    block, ticks = loop[part], len(python["time"])
-    plan = Plan(block)
+    block, every, first, period = runs_of_part(loop, part)
+    plan, ticks = Plan(block, period=period), len(python["time"])
     given = codegen.logged_params(loop, part, python)
     values = block.param_values(**given)
     rows = input_rows(block, plan.layout.inputs, codegen.logged_inputs(loop, part, python))
-    status = accepted_rows(plan, np.broadcast_to(rows, (ticks, rows.shape[1])), values)[1]
+    called = np.broadcast_to(rows, (ticks, rows.shape[1]))[first::every]
+    status = accepted_rows(plan, called, values)[1]
     for m in plan.layout.outputs:
         if f"{part}.{m.name}" in python:
             lo, hi, *_ = plan.ends([m], values)
-            logged = python[f"{part}.{m.name}"].values.reshape(ticks, -1)
+            logged = python[f"{part}.{m.name}"].values.reshape(ticks, -1)[first::every]
             status[((logged < lo) | (logged > hi)).any(axis=1)] |= bit("LIMITED")
     return status
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from slipctl.block.transforms.discretisation import runs_of_part
 from slipctl.ccode import codegen
 from slipctl.run import build
 
@@ -37,13 +38,13 @@ def c_of_rig(
     """
     part = part or rig.study.controller
     loop = rig.loop.with_params(**numbers) if numbers else rig.loop
-    control = loop[part]
+    runs = runs_of_part(loop, part)
     check = build.compiler() is not None
     inputs, params = codegen.record_part(loop, part, rig.case.scenario, TICKS if check else 1)
     with tempfile.TemporaryDirectory() as folder:
         report = codegen.export(
-            control, folder, f"{rig.study.name}_{rig.name}".replace("-", "_"), inputs=inputs,
-            params=params, period=loop.period, check=check, target=target,
+            runs.block, folder, f"{rig.study.name}_{rig.name}".replace("-", "_"), inputs=inputs,
+            params=params, period=runs.period, check=check, target=target,
         )  # fmt: skip
         texts = {
             p.name: p.read_text(encoding="utf-8")[:LETTERS]

@@ -348,3 +348,25 @@ def test_holding_a_wheel_at_its_slip_is_no_release():
     rng = np.random.default_rng(1)
     got = [command.tick(1500 + 300 * rng.standard_normal(), 5e3) for _ in range(15_000)]
     assert max(got) < 4e3
+
+
+@pytest.mark.parametrize("driven", [False, True])
+@pytest.mark.parametrize(("apart", "told"), [(1, False), (3, True), (10, True)])
+def test_a_controller_that_is_called_too_seldom_says_so(apart, told, driven):
+    """Made for 1 ms, with 5 kN m on each axle: within 5 s; in its own time never."""
+    car = Car([5e3] * 5000, speed=18.0, driven=driven)
+    car.v, car.omega, car.T_b = car.v[::apart], car.omega[::apart], car.T_b[::apart]
+    car.command, car.T_demand = car.command[::apart], car.T_demand[::apart]
+    car.ticks = len(car.command)
+    paced = car.judged(start=18.0)["paced"]
+    assert (np.diff(paced) <= 0).all()  # told once, to the end
+    assert bool(paced[-1] < 0.5) is told
+
+
+@pytest.mark.parametrize("slope", [-0.5, 0.5])
+def test_no_gradient_and_no_wrong_mass_looks_like_calls_too_seldom(slope):
+    """5 % up or down, and a vehicle that is a fifth lighter than believed."""
+    car = Car([5e3] * 5000, speed=18.0)
+    car.v = np.maximum(18.0 - 1.25 * (18.0 - car.v) - slope * H * np.arange(car.ticks), 0.0)
+    car.omega = np.repeat(car.v[:, None], 4, axis=1) / R
+    assert car.judged(start=18.0)["paced"].all()

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import casadi as ca
 import numpy as np
 import pytest
 
+from slipctl import connect
 from slipctl.certify.enclosure import enclose
+from slipctl.models import vehicle
 from slipctl.models.vehicle.air.slide_protection import watchdog
+from slipctl.models.vehicle.failure import _axles, trust
+from slipctl.models.vehicle.measurement.axle_samples import HOLD, AxleSample
 from slipctl.models.vehicle.safe_output import safe_command
+from slipctl.study.request import Request
 
 
 def symbols(block):
@@ -62,3 +69,77 @@ def _released(x, u):
     usual = {n: ca.SX(1 if n in ("on", "ready", "sound", "hold_by", "vent_by") else 0)
              for n in [*x, *u]}  # fmt: skip
     return usual | {"T_demand": ca.SX(5e3), "v": ca.SX(10)}
+
+
+# ---- one axle's samples stay with that axle ------------------------------------------------------
+
+METRO = Path(vehicle.__file__).parent / "files" / "metro.toml"
+AXLES = 4
+
+
+def axle_of_each(signals):
+    """Of each element of signals the axle that it belongs to, None where it is common to all."""
+    found = []
+    for name, s in signals.items():
+        apart = s.shape != () and s.shape[-1] % AXLES == 0  # the copies stand beside each other
+        found += [(name, k // (s.size // AXLES) if apart else None) for k in range(s.size)]
+    return found
+
+
+@pytest.mark.second
+@pytest.mark.parametrize("law", ["pid", "super_twisting", "predictive"])
+def test_what_is_believed_of_an_axle_moves_no_state_and_no_command_of_another(law):
+    """By the structure of the equations, so for any numbers and any number of ticks.
+
+    All but ``trust``, fed with what that believes: an element of one axle depends on elements of
+    the same axle and on what is common, the believed speed, the demand and the train's release.
+    """
+    whole = Request.read(f"{METRO}:{law}").chosen[0]["ctl"]
+    wires = {k: v.replace("trust.", "believed_") for k, v in whole.wires.items()
+             if not k.startswith("trust.")}  # fmt: skip
+    rest = connect("rest", wires, **{n: p for n, p in whole.parts.items() if n != "trust"})
+    inputs = axle_of_each(rest.inputs)
+    common = {n for n, k in inputs if k is None}
+    assert common == {"believed_v", "believed_demand", "believed_retry", "fall.a_R", "probe.limit"}
+    given = [axle_of_each(rest.states), inputs]
+    of = [axle_of_each(rest.states), axle_of_each(rest.outputs)]
+    assert {n for n, k in [*given[0], *of[1]] if k is None} == set()
+    seen = 0
+    for (i, rows), (k, columns) in ((a, b) for a in enumerate(of) for b in enumerate(given)):
+        for row, column in zip(*rest.f.jac_sparsity(i, k).get_triplet(), strict=True):
+            (to, axle), (source, other) = rows[row], columns[column]
+            assert other in (axle, None), f"{to} of axle {axle} takes {source} of axle {other}"
+            seen += 1
+    assert seen > 1000
+
+
+def judged_axle(driven):
+    """Signals of ``trust`` by name, each element a symbol, and its first axle, judged."""
+    block = trust(AXLES, driven)
+    signals = {**block.states, **block.inputs, **block.params}
+    s = {n: ca.SX.sym(n, v.size) for n, v in signals.items()}
+    axle = AxleSample(0, s, -1 if driven else 1)
+    axle.judge(ca.SX.sym("believed"), ca.SX.sym("sensed"))
+    axle.doubt(ca.SX.sym("alone"), ca.SX.sym("top"))
+    return s, axle
+
+
+@pytest.mark.parametrize("driven", [False, True])
+def test_an_axle_is_judged_by_its_own_samples_and_the_speed_that_is_believed(driven):
+    s, axle = judged_axle(driven)
+    others = {str(e) for v in s.values() if v.numel() == AXLES for e in ca.vertsplit(v)[1:]}
+    made = ("torque", "modelled", "odd", "omega", "ratio", "mean", "out", "still", "radius",
+            "learnt", "doubted", "test", "taken", "dead", "slides")  # fmt: skip
+    used = set(map(str, ca.symvar(ca.vertcat(*[getattr(axle, n) for n in made]))))
+    assert not used & others
+    assert {"believed", "sensed", "alone", "omega_0"} <= used
+
+
+@pytest.mark.parametrize("driven", [False, True])
+def test_an_axle_is_not_ready_from_the_tick_on_in_which_its_last_good_value_is_too_old(driven):
+    """Then ``safe`` gives the demand, rate limited, whatever else there is: see above."""
+    s, axle = judged_axle(driven)
+    axle.out = ca.SX(HOLD)
+    _, told = _axles(s, [axle], ca.SX.sym("wrong"), ca.SX.sym("v"), ca.SX.sym("demand"))
+    assert told["ready"].is_zero()
+    assert told["ok"].is_zero()

@@ -49,6 +49,9 @@ def speed_signals() -> list[Signal]:
         lead_h=State("m/s", "v_start", "that of the wheels when its sensor told another"),
         moved=State("m/s", 0.0, "change by momentum since then"),
         age=State("s", 0.0, "time since the start"),
+        lost_v=State("m/s", 0.0, "what its sensor lost beyond brakes and drag"),
+        lost_rim=State("m/s", 0.0, "what the wheels lost beyond them"),
+        kept_pace=State("1", 1.0, "1 until calls are seen to be too far apart"),
         v=Input("m/s", "measured vehicle speed", judged=True),
         m=Param("kg", 8000.0, "vehicle, per axle with an actuator", ADDED, lo=100, hi=1e8),
         gate=Param("m/s", 0.35, "largest error of the vehicle's speed", ADDED, lo=0.01, hi=50),
@@ -56,9 +59,12 @@ def speed_signals() -> list[Signal]:
                      hi=50),
         fastest=Param("m/s", 120.0, "largest speed of the vehicle", ADDED, lo=1, hi=500),
         v_start=Param("m/s", 20.0, "vehicle speed at the start", ADDED, lo=0, hi=200),
+        pace=Param("m/s", 2.0, "speed that both lose beyond them where calls are too far apart",
+                   ADDED, lo=0.1, hi=NEVER),
     ) + named_signals(
         v=Output("m/s", "vehicle speed that is believed"),
         v_ok=Output("1", "1 while the sensor of the vehicle's speed is believed", lo=0, hi=1),
+        paced=Output("1", "1 until calls are seen to be further apart than made for", lo=0, hi=1),
     )  # fmt: skip
 
 
@@ -94,6 +100,8 @@ class VehicleSpeed:
         self.speed = fabs(self.predicted)
         self.gate = s["gate"] + 0.005 * self.speed
         self._stay(self.predicted - s["v_h"])
+        rims = sum(a.ratio * s["r"] * a.step for a in axles) / n
+        self._pace(fmax(pull, 0), turn * (s["given_h"] - self.given), -turn * rims)
         self.beside = self.given - self.predicted
         self.wheels = if_else(self.count >= 1, self.lead - self.predicted, 0)
         sure = reduce(fmin, [s["learnt"][a.k] for a in axles])
@@ -106,6 +114,26 @@ class VehicleSpeed:
         # wheels and sensor together are right against the prediction, whatever made it wrong
         self.near = all_hold([self.seen, logic_or(logic_not(self.apart), self.alike),
                               logic_not(passed), logic_not(self.frozen)])  # fmt: skip
+
+    def _pace(self, pull: Any, of_sensor: Any, of_wheels: Any) -> None:
+        """Whether calls come as often as made for.
+
+        Between two calls brakes and drag take no more speed than they can in a period. Where both
+        the sensor and the wheels go on to lose more, the time between calls is longer.
+        """
+        s = self.s
+        most = s["T"] * (pull + DRAG)
+
+        def beyond(before: Any, lost: Any) -> Any:
+            more = clip_to_range(before + clip_to_range(lost, -1, 1) - most, 0, NEVER)
+            return if_else(logic_or(self.begins, logic_not(self.seen)), 0, more)
+
+        self.lost_v, self.lost_rim = (
+            beyond(s["lost_v"], of_sensor),
+            beyond(s["lost_rim"], of_wheels),
+        )
+        late = fmin(self.lost_v, self.lost_rim) > s["pace"]
+        self.paced = if_else(late, 0, s["kept_pace"])
 
     def _stay(self, change: Any) -> None:
         """Whether the sensor has stayed at one number while wheels and momentum have moved."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -329,6 +329,45 @@ def slower(block: Block) -> tuple[str, int] | None:
     (inner,) = block.parts.values()
     counter = _new_name("tick", {s.name for s in inner.signals})
     return (counter, int(block.choices["every"])) if counter in block.states else None
+
+
+class PartRuns(NamedTuple):
+    """What runs of a part of a loop, and when: what a module of that part is made of.
+
+    Attributes:
+        block: what runs; of a part under ``every`` what stands in it.
+        ticks: of the loop, from one run to the next.
+        first: tick of the loop in which it runs first.
+        period: from one run to the next in s, None where the loop has none.
+    """
+
+    block: Block
+    ticks: int
+    first: int
+    period: float | None
+
+
+def runs_of_part(loop: Block, path: str) -> PartRuns:
+    """Runs of a part of a loop: a module of it is called once for each, at their period.
+
+    Raises:
+        BadInput: no such part.
+    """
+    loop[path]  # says what is wrong with the path
+    words, block, ticks, first = path.split("."), loop, 1, 0
+    while True:
+        own = slower(block)
+        if own:
+            counter, n = own
+            first += ticks * (-int(block.start()[counter]) % n)
+            ticks *= n
+        if own or (words and block.transparent):
+            block = next(iter(block.parts.values()))
+        elif words:
+            block = block.parts[words.pop(0)]
+        else:
+            period = None if loop.period is None else loop.period * ticks
+            return PartRuns(block, ticks, first, period)
 
 
 def _run_or_hold(f: ca.Function) -> ca.Function:

@@ -100,8 +100,8 @@ def own_pointers(wires: Wires, outputs: Sequence[str], names: set[str]) -> list[
 
 # ---- what a block is around ----------------------------------------------------------------------
 
-NO_END = 1e300
-"""In the place of an end of a range that there is none of."""
+NO_END = 1e38
+"""In the place of an end of a range that there is none of; float has such a number too."""
 
 
 def runs_of(block: Block) -> tuple[Block, int, str, dict[str, str]] | None:

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block, Exprs, make_block
+from slipctl.block.transforms.discretisation import runs_of_part
 from slipctl.ccode.check.processor.rig import BROKEN, LATE, LOST
 from slipctl.ccode.check.vectors.expected_outputs import start_state
 from slipctl.ccode.passes.precision import neighbour_float, round_to_real
@@ -117,14 +118,14 @@ def run_in_loop(
 ) -> InLoop:  # fmt: skip
     """Simulate a loop whose part runs on a processor.
 
-    In each tick the rest of the loop says what the part sees, the board answers, and the rest makes
-    its step with the answer. Where there is none the last one holds.
+    In each tick in which the part runs the rest of the loop says what it sees, the board answers,
+    and the rest makes its step with the answer. Where there is none the last one holds.
 
     Args:
         loop, scenario: as of ``simulate``.
         part: path of the part, ``"ctl"``.
         rig: the part on a board.
-        faults: what happens on purpose, by tick: ``"lost"``, ``"late"`` or ``"broken"``.
+        faults: what happens on purpose, by run of the part: ``"lost"``, ``"late"`` or ``"broken"``.
         report: called now and then with the share that is done.
 
     Raises:
@@ -135,7 +136,7 @@ def run_in_loop(
     for what in faults.values():
         if what not in FAULTS:
             raise BadInput(f"{what!r} is no fault; write {', '.join(FAULTS)}")
-    block = loop[part]
+    block, every, begin, _ = runs_of_part(loop, part)
     rest = loop.swap(part, place_holder(block))
     kept = {k: v for k, v in scenario.params.items() if any(
         n == k or n.endswith("." + k) for n in rest.params)}  # fmt: skip
@@ -155,27 +156,22 @@ def run_in_loop(
         raise BadInput(f"{loop.name}: {part} sees at once what it gives; delay it by a tick")
 
     x_log, y_log = np.empty((ticks, x.size)), np.empty((ticks, f.size1_out(1)))
-    status = np.full(ticks, -1)
+    status = np.full(len(range(begin, ticks, every)), -1)
     answer = np.zeros(given.size)
-    waiting: list[tuple[int, np.ndarray]] = []
+    waiting: Waiting = []
     for first, last, p in pieces:
         call, (x_in, u_in, x_out, y_out), _kept = _buffered(f, p)
         for k in range(first, last):
             if k % NOW_AND_THEN == 0:
                 report(k / ticks)
             x_in[:, 0], u_in[:, 0] = x, u[k]
-            call()
-            row = y_out[seen, 0]
-            for late, old in waiting:
-                status[late], answer = rig.step(late, old, now=k)
-            waiting = []
-            fault = faults.get(k)
-            if fault == "late":
-                waiting.append((k, row.copy()))
-            elif fault == "broken":
-                status[k], _ = rig.step(k, row, damage=True)
-            elif fault != "lost":
-                status[k], answer = rig.step(k, row)
+            run, off = divmod(k - begin, every)
+            if run >= 0 and off == 0:
+                call()
+                row = y_out[seen, 0]
+                waiting, answer = _exchanged(
+                    rig, run, row, faults.get(run), waiting, status, answer
+                )
             u_in[given, 0] = u[k, given] = answer
             call()
             x_log[k], y_log[k] = x, y_out[:, 0]
@@ -183,12 +179,33 @@ def run_in_loop(
     if scenario.end is not None:
         at, _ = Ending(rest, scenario).tick(x_log, y_log, 0)
         ticks = ticks if at is None else at + 1
-        u, x_log, y_log, status = (a[:ticks] for a in (u, x_log, y_log, status))
+        u, x_log, y_log = (a[:ticks] for a in (u, x_log, y_log))
+        status = status[: len(range(begin, ticks, every))]
     time = np.arange(ticks) * rest.period
     values = {"input": u, "output": y_log, "state": x_log}
     data = Log.of(rest, scenario, time, values).dataset()
     unseen = [n for n in data if GIVEN in str(n) or SEEN in str(n)]
     return InLoop(data.drop_vars(unseen), status)
+
+
+Waiting = list[tuple[int, np.ndarray]]
+"""Frames that come late, each with the number of its run."""
+
+
+def _exchanged(
+    rig: Board, run: int, row: np.ndarray, fault: str | None, waiting: Waiting,
+    status: np.ndarray, answer: np.ndarray,
+) -> tuple[Waiting, np.ndarray]:  # fmt: skip
+    """Frames that wait after a run of the part, and the outputs that hold; writes ``status``."""
+    for late, old in waiting:
+        status[late], answer = rig.step(late, old, now=run)
+    if fault == "late":
+        return [(run, row.copy())], answer
+    if fault == "broken":
+        status[run], _ = rig.step(run, row, damage=True)
+    elif fault != "lost":
+        status[run], answer = rig.step(run, row)
+    return [], answer
 
 
 def places(loop: Block, role: str, names: list[str]) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slipctl.block.block import Block, as_block
+from slipctl.block.transforms.discretisation import runs_of_part
 from slipctl.ccode.check.vectors.run_inputs import record_part
 from slipctl.ccode.codegen import c_module
 from slipctl.ccode.compile.compilers import compile_object, compilers, link, version
@@ -69,11 +70,13 @@ def step_times(
     block = as_block("step_times: the loop", loop)
     check_whole("step_times: repeats", repeats)
     inputs, params = record_part(block, part, scenario)
+    runs = runs_of_part(block, part)
     with tempfile.TemporaryDirectory(prefix="slipctl_") as made:
-        module = _clocked(c_module(block[part], made, "clocked_part", period=block.period,
+        module = _clocked(c_module(runs.block, made, "clocked_part", period=runs.period,
                                    real=real), Path(made), real)  # fmt: skip
         lay = module._plan.layout
-        whole = round(scenario.duration / float(block.period or 1.0))
+        period = float(runs.period or 1.0)
+        whole = round(scenario.duration / period)
         ticks = max((len(v) for v in inputs.values()), default=whole)
         rows = np.zeros((ticks, max(sum(m.size for m in lay.inputs), 1)), module._kind)
         if lay.inputs:
@@ -89,7 +92,7 @@ def step_times(
             f"time of a step of {part}: C in {real}, {version(compilers()[0])}, least of {repeats}"
         )
     return xarray.DataArray(
-        taken.min(axis=0), {"time": np.arange(ticks) * float(block.period or 1.0)}, ["time"],
+        taken.min(axis=0), {"time": np.arange(ticks) * period}, ["time"],
         f"{part}.step_time", {"units": "s", "long_name": said},
     )  # fmt: skip
 

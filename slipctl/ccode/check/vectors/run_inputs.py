@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slipctl.block.block import Block
+from slipctl.block.transforms.discretisation import runs_of_part
 from slipctl.errors import BadInput
 
 if TYPE_CHECKING:
@@ -46,21 +47,23 @@ def logged_inputs(loop: Block, part: str, dataset: xarray.Dataset) -> dict[str, 
 def record_part(
     loop: Block, part: str, scenario: Scenario, ticks: int | None = None
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Run a loop for the inputs and parameters that a part of it has there.
+    """Run a loop for the inputs of each run of a part of it, and the parameters that it has there.
 
     Args:
         loop, part: as in :func:`logged_inputs`.
         scenario: as of :func:`slipctl.simulate`.
-        ticks: how many are wanted, where the first ones are enough.
+        ticks: how many runs of the part are wanted, where the first ones are enough.
     """
     from slipctl.run.simulation import simulate
 
+    runs = runs_of_part(loop, part)
     if ticks is not None and loop.period is not None:
-        scenario = _first(scenario, ticks, loop.period)
+        scenario = _first(scenario, runs.first + ticks * runs.ticks, loop.period)
     sources = {_source(loop, part, n) for n in loop[part].inputs}
     known = {**loop.inputs, **loop.outputs, **loop.states}
     data = simulate(loop, scenario, log=[n for n in known if n in sources])
-    return logged_inputs(loop, part, data), logged_params(loop, part, data)
+    inputs = {n: v[runs.first :: runs.ticks] for n, v in logged_inputs(loop, part, data).items()}
+    return inputs, logged_params(loop, part, data)
 
 
 def _first(scenario: Scenario, ticks: int, period: float) -> Scenario:
