@@ -1,8 +1,7 @@
 """What guards a step: rules for one number, for C and for the run in Python.
 
-``accept`` says what an input becomes, ``patience`` when states that stay refused are reset, and
-which. Both are CasADi Functions of scalars, which Python calls. C has the text of ``patience``; its
-``accept`` is written by hand, with integers for the bits, and compared with this one tick by tick.
+``accept`` says what an input becomes, as a CasADi Function of scalars that Python calls. In C it is
+written by hand, with integers for ages and bits, and compared with this one tick by tick.
 """
 
 from __future__ import annotations
@@ -28,8 +27,6 @@ BAD_INPUT, BAD_RESULT, BAD_PARAM, OFF_RANGE, LIMITED, REFUSED, RESET, NO_INIT, T
 MARK_NAME = "INITIALISED"
 """What ``init`` leaves in a state; a step of a state without it is refused."""
 
-MARK_TEXT = f"#define {MARK_NAME} 9240613U /* what init leaves in a state */"
-
 PATIENCE = 10
 """Ticks refused in a row after which a part is reset, and after as many more the next one."""
 
@@ -42,6 +39,15 @@ FORGOTTEN = 1.0
 
 UNSURE = 256
 """Beside the bits of the status: an input is good, but was not for a while before."""
+
+
+NUMBERS = {
+    MARK_NAME: ("9240613U", "what init leaves in a state"),
+    "UNSURE": (f"{UNSURE}U", "beside the status: good, but was not for a while before"),
+    "FORGOTTEN": ("", "ticks after which the last good value says nothing"),
+    "PATIENCE": (f"{PATIENCE}U", "ticks refused in a row before a reset"),
+}
+"""Numbers of the guards by their names in C; ``FORGOTTEN`` is :func:`memory`."""
 
 
 def memory(period: float | None, stale: np.ndarray) -> float:
@@ -93,28 +99,6 @@ def accept() -> ca.Function:
         ],
         names,
         ["taken", "age_next", "bits"],
-    )
-
-
-@lru_cache(maxsize=16)
-@remember_locals
-def patience(parts: int) -> ca.Function:
-    """(refused, off) -> (refused, part): one more tick is refused; which part is reset, 0 for none.
-
-    ``off`` is the part of which a state is out of its range, 0 if that is not the reason. After
-    ``PATIENCE`` ticks it is that part (else the first). After as many more it is the first, the
-    second and so on in the order of the wires, then all of them (``parts + 1``). Then the count
-    begins anew.
-    """
-    before, off = ca.SX.sym("refused"), ca.SX.sym("off")
-    refused = before + 1
-    turn = refused / PATIENCE
-    due = turn == ca.floor(turn)
-    first = ca.if_else(off > 0, off, 1)
-    part = ca.if_else(due, ca.if_else(turn > 1, turn - 1, first), 0)
-    after = ca.if_else(refused >= PATIENCE * (parts + 2), 0, refused)
-    return ca.Function(
-        "patience", [before, off], [after, part], ["before", "off"], ["refused_next", "which"]
     )
 
 
