@@ -53,7 +53,7 @@ def check_inputs(plan: Plan) -> list[Node]:
                 last = f"&{m.at('guard->last.', k)}, {own}"
                 lines.append(f"told |= accept({m.at('in->', k)}, {given}, {last});")
         at += m.size
-    lines.append("guard->fresh = (told == 0U) ? 1U : 0U;")
+    lines += ["guard->fresh = 0U;", if_("told == 0U", "guard->fresh = 1U;")]
     what = comment("Take the inputs, of one that is bad its last good value; bits of the status.")
     used = [*known, *map(expression, ends.values())]
     signature = prototype(plan, "static unsigned int", "check_inputs", f"const {n}_in *in",
@@ -190,11 +190,11 @@ def recover(plan: Plan) -> list[Node]:
         return []
     rule: list[str | Node] = [
         "const unsigned int refused = state->guard.refused + 1U;",
-        "const int turn = (int)(refused / PATIENCE);",
-        f"state->guard.refused = (turn < {parts + 2}) ? refused : 0U;",
+        "const unsigned int turn = refused / PATIENCE;",
+        f"state->guard.refused = (turn < {parts + 2}U) ? refused : 0U;",
         if_("(refused % PATIENCE) != 0U", "return 0U;"),
-        f"int part = (turn <= {parts + 1}) ? (turn - 1) : 0;",
-        if_("turn == 1", "part = (off != 0) ? off : 1;"),
+        f"int part = (turn <= {parts + 1}U) ? ((int)turn - 1) : 0;",
+        if_("turn == 1U", "part = (off != 0) ? off : 1;"),
     ]
     call = "start(%s, &state->kept, part)"
     reset: list[str | Node] = [f"{call % 'param'};"]

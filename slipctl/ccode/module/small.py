@@ -32,7 +32,8 @@ _SMALL = {
             && (anything || (way <= noise + change * ((double)*age + 1.0)))) {
             *last = value;
             *age = again ? (*age - 1) : 0;
-            *back = again ? 1U : 0U;
+            *back = 0U;
+            if (again) { *back = 1U; }
             return follows ? (again ? UNSURE : 0U) : OFF_RANGE_;
         }
         *age += unknown ? 0 : 1;

@@ -197,6 +197,12 @@ def _constant(m: Member, pointer: str, value: Any) -> list[str]:
         return [f"{pointer}{m.c} = {number(float(flat[0]))};"]
     if m.size > 2 and (flat == flat[0]).all():
         return [f"fill({pointer}{m.c}, {m.size}, {number(float(flat[0]))});"]
+    again = next((n for n in range(1, m.size) if (flat[n:] == flat[:-n]).all()), m.size)
+    lines = [f"{pointer}{m.c}[{k}] = {number(float(v))};" for k, v in enumerate(flat[:again])]
+    if m.size - again > 1:  # the same numbers for each copy
+        before = f"{pointer}{m.c}[k - {again}]"
+        each = f"for (int k = {again}; k < {m.size}; ++k) {{ {pointer}{m.c}[k] = {before}; }}"
+        return [*lines, each]
     return [f"{pointer}{m.c}[{k}] = {number(float(v))};" for k, v in enumerate(flat)]
 
 
@@ -264,7 +270,9 @@ def _begun(plan: Plan, members: Sequence[Member]) -> list[Node]:
     for m, lines in made:
         before += [line for line in lines if line.kind == "declare"]
         values = [c.value(line) for line in lines if line.kind == "do" and c.target(line)]
-        if not values:  # filled
+        if any(line.kind == "for" for line in lines):
+            behind += [line for line in lines if line.kind != "declare"]
+        elif not values:  # filled
             behind += [x for x in lines if x.kind == "do" and x.parts[0].parts[-1] != _ZERO]
         elif any(v != _ZERO for v in values):
             text = ", ".join(v.text for v in values)

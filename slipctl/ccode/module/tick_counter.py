@@ -62,14 +62,14 @@ def functions(plan: Plan, hold: str) -> list[Node]:
             if_("since != 1U", *late),
         ),
         "state->counter.last = tick;", "state->counter.begun = 1U;",
-        f"return (int)(status | (unsigned int){step});",
+        f"status |= (unsigned int){step};", "return (int)status;",
     ]  # fmt: skip
     made = [define(prototype(plan), lines)]
     if remembers:
         older = [
             f"for (int k = 0; k < {plan.n_in}; ++k) {{ if (guard->age[k] >= 0) {{"
-            f" const unsigned int left = (unsigned int)(FORGOTTEN - guard->age[k]);"
-            f" guard->age[k] = (ticks < left) ? (guard->age[k] + (int)ticks) : FORGOTTEN;"
+            " const unsigned int left = (unsigned int)FORGOTTEN - (unsigned int)guard->age[k];"
+            " guard->age[k] = (ticks < left) ? (guard->age[k] + (int)ticks) : FORGOTTEN;"
             " guard->back[k] = 0U; } }",
             "guard->fresh = 0U;",
         ]

@@ -43,14 +43,14 @@ def roll_lines(lines: Sequence[Node], taken: set[str], sort: bool = False) -> li
     if "i" in taken:
         return list(lines)
     made = _rolled(lines, taken)
-    if sort and (other := _sorted(lines)):
+    if sort and (other := _sorted(lines, taken)):
         other = _rolled(other, taken)
         if len(lines_of(other, "    ")) + WORTH <= len(lines_of(made, "    ")):
             return other
     return made
 
 
-def _sorted(lines: Sequence[Node]) -> list[Node]:
+def _sorted(lines: Sequence[Node], taken: set[str]) -> list[Node]:
     """Statements with a loop over each run of blocks that stand together once they are sorted."""
     now, runs = in_lanes(lines)
     moved = 0
@@ -58,7 +58,7 @@ def _sorted(lines: Sequence[Node]) -> list[Node]:
         run = _run(now, begin + moved, period)
         if run.count < LEAST:
             continue
-        made, later = run.written(now)
+        made, later = run.written(now, taken)
         end = run.start + period * run.count
         now[run.start :] = [*made, *c.swap_all(now[end:], later)]
         moved += len(made) - period * run.count
@@ -78,7 +78,7 @@ def _rolled(lines: Sequence[Node], taken: set[str]) -> list[Node]:
         if best is None:
             at += 1
             continue
-        made, later = best.written(now)
+        made, later = best.written(now, taken)
         whole = now[at : at + best.period * best.count]
         wanted = 0 if _is_sum(whole[0]) else SAVED if best.count > LEAST else MUCH
         if len(lines_of(whole, "    ")) - len(lines_of(made, "    ")) < wanted:
@@ -195,8 +195,8 @@ class _Run:
         begin = self.start + block * self.period
         return [line.constant for line in lines[begin : begin + self.period]]
 
-    def written(self, lines: Sequence[Node]) -> tuple[list[Node], dict[str, Node]]:
-        """The loop, and what later statements have for its locals."""
+    def written(self, lines: Sequence[Node], taken: set[str]) -> tuple[list[Node], dict[str, Node]]:
+        """The loop, without new names that are taken, and what stands for its locals later."""
         words = c.words(lines[self.start + self.period * self.count :])
         names = [self.names(lines, b) for b in range(self.count)]
         last = self.count - 1
@@ -210,7 +210,7 @@ class _Run:
         }  # fmt: skip
         kinds = [x.head.removeprefix("const ") for x in lines[self.start :][: self.period]]
         local = [n and _of_all(n) for n in names[0]]
-        others = words | c.words(lines[: self.start])
+        others = words | c.words(lines[: self.start]) | taken
         local = [
             n if n and local.count(n) == 1 and n not in others else names[0][q]
             for q, n in enumerate(local)

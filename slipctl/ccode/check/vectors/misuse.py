@@ -360,7 +360,7 @@ _LATE = """            if (!timely[k]) {{ /* as if the ticks between had gone by
 
 _OLDER = """                int j;
                 for (j = 0; j < N_IN; ++j) {{
-                    const unsigned int left = (unsigned int)({memory} - plain.guard.age[j]);
+                    const unsigned int left = {memory}U - (unsigned int)plain.guard.age[j];
                     const int older = (since < left) ? (plain.guard.age[j] + (int)since) : {memory};
                     plain.guard.age[j] = (plain.guard.age[j] < 0) ? -1 : older;
                     plain.guard.back[j] = 0U;
