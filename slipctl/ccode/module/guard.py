@@ -12,13 +12,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl.block.text.intermediates import remember_locals
-from slipctl.ccode.passes.local_names import name_locals, with_inside
-from slipctl.ccode.tree import nodes as c
-from slipctl.ccode.tree.expressions import Writer
-from slipctl.ccode.tree.nodes import Node
-from slipctl.ccode.tree.parser import expression
-
 BAD_INPUT, BAD_RESULT, BAD_PARAM, OFF_RANGE, LIMITED, REFUSED, RESET, NO_INIT, TIMING = (
     1 << k for k in range(9)
 )
@@ -57,7 +50,6 @@ def memory(period: float | None, stale: np.ndarray) -> float:
 
 
 @lru_cache(maxsize=1)
-@remember_locals
 def accept() -> ca.Function:
     """(value, last, age, lo, hi, change, noise, stale, memory, most) -> (taken, age, told).
 
@@ -103,7 +95,6 @@ def accept() -> ca.Function:
 
 
 @lru_cache(maxsize=1)
-@remember_locals
 def counter_after() -> ca.Function:
     """(tick, missed, ticks) -> where a counter from 0 to ``ticks`` stands that missed some."""
     tick, missed, ticks = (ca.SX.sym(n) for n in ("tick", "missed", "ticks"))
@@ -112,28 +103,6 @@ def counter_after() -> ca.Function:
     found = ca.if_else(ca.logic_and(rest >= 0, rest < ticks), rest, 0)
     names = ["tick", "missed", "ticks"]
     return ca.Function("later", [tick, missed, ticks], [found], names, ["counted"])
-
-
-def statements(f: ca.Function, names: list[str], results: list[str]) -> list[Node]:
-    """Statements of a rule in C: arguments are read by these names, first results written to these.
-
-    The others are locals, by the names that the rule gives its results.
-    """
-    given = [f.name_out(k) for k in range(f.n_out())]
-    read = [expression(n) for n in names]
-    words = c.words(read) | c.words(map(expression, results)) | set(given)
-    inner, letters = with_inside(f, words)
-    writer = Writer(inner, lambda i, k: read[i], letters, shown=f.n_out(), modest=True).run()
-    at = dict(writer.results)
-    lines = list(writer.lines)
-    # a result may be an argument of the next: all are known before one is written
-    lines += [
-        c.declare("const double", name, writer.result(at[i, 0])) for i, name in enumerate(given)
-    ]
-    lines += [
-        c.assign(expression(to), c.name(name)) for to, name in zip(results, given, strict=False)
-    ]
-    return name_locals(lines, "", words)
 
 
 def accepted_inputs(

@@ -278,7 +278,7 @@ def _zero(elements: Iterable[tuple[Member, str, int]]) -> list[str]:
     products: list[str] = []
     chain: list[str] = []
     for m, pointer, k in elements:
-        if m.size > _CHAIN:
+        if m.size > 1:
             whole = f"zero_of({pointer}{m.c}, {m.size})"
             products += [whole] * (whole not in products)
             continue

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
-from typing import Any
 
-from slipctl.ccode.module import guard
-from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import code
 
 _EACH = "for (int k = 0; k < n; ++k)"
 _SMALL = {
-    "later": "double later(double tick, double missed, double ticks) { return counted; }",
+    "later": """double later(double tick, double missed, double ticks) {
+        const double whole = tick + missed;
+        const double rest = whole - ticks * floor(whole / ticks);
+        return ((0.0 <= rest) && (rest < ticks)) ? rest : 0.0; }""",
     "accept_all": f"""unsigned int accept_all(const double *value, int n, double lo, double hi,
         double change, double noise, int stale, double *last, int *age, unsigned int *back) {{
         unsigned int told = 0U;
@@ -78,21 +78,11 @@ _SMALL = {
 }
 """Small functions; one that calls another stands before it."""
 
-_RULES: dict[str, tuple[Any, list[str], list[str]]] = {
-    "later": (guard.counter_after, ["tick", "missed", "ticks"], []),
-}
-"""Rules that come before what a function says: what they read and write."""
-
 
 @lru_cache(maxsize=64)
 def _defined(name: str) -> Node:
     (made,) = code(f"static {_SMALL[name]}")
-    if name not in _RULES:
-        return made
-    rule, names, results = _RULES[name]
-    head, body = made.parts
-    return c.function(made.head, name, head.parts,
-                      [*guard.statements(rule(), names, results), *body.parts])  # fmt: skip
+    return made
 
 
 def small_functions(nodes: Iterable[Node], there: Iterable[Node] = ()) -> list[Node]:

@@ -91,7 +91,6 @@ class _Lanes:
         family: dict[str, int] = {}
         known: dict[tuple[str, int], int] = {}
         found: list[list[int | None]] = []
-        chains: dict[str, int] = {}  # what the lane before has left -> family of its chain
 
         def put(k: int, at: int, key: str) -> None:
             turn = 0
@@ -127,7 +126,6 @@ class _Lanes:
                     continue
                 else:
                     found[known[key, 0]][max(at)] = k
-                chains[prior] = known[key, 0]
                 lane[line.constant], family[line.constant] = max(at), known[key, 0]
         return found
 
