@@ -27,23 +27,23 @@ from slipctl.ccode.tree.printer import file_text
 from slipctl.study import resolve
 
 MOST = {
-    "subway_braking": (734, 363, 0.079),
-    "hst_braking": (195, 316, 0.014),
-    "freight_traction": (46, 184, 0.016),
-    "hst_traction": (310, 654, 0.096),
+    "subway_braking": (732, 366, 0.073),
+    "hst_braking": (195, 317, 0.014),
+    "freight_traction": (46, 188, 0.016),
+    "hst_traction": (310, 664, 0.099),
 }
 """Lines of the parts, of the module around them, share of anonymous assignments: to be lowered."""
 
 LONGER = {
     "hst_braking:eppfc": (475, 394, 0.044),
-    "hst_braking:eppfc@real": (517, 409, 0.04),
+    "hst_braking:eppfc@real": (517, 410, 0.04),
     "hst_braking:eppfc_free": (710, 428, 0.05),
-    "hst_traction:smc_limited": (292, 637, 0.085),
-    "freight_traction:smes_robust": (126, 265, 0.056),
-    "predictive:nmpc": (1241, 237, 0.088),
-    "all_rails:nmpc": (1279, 275, 0.079),
-    "hst_traction:mpc": (441, 302, 0.055),
-    "hst_traction:mpc_limited": (636, 646, 0.094),
+    "hst_traction:smc_limited": (292, 647, 0.087),
+    "freight_traction:smes_robust": (126, 266, 0.057),
+    "predictive:nmpc": (1238, 242, 0.088),
+    "all_rails:nmpc": (1263, 278, 0.077),
+    "hst_traction:mpc": (441, 305, 0.057),
+    "hst_traction:mpc_limited": (636, 656, 0.096),
 }
 """The same of some that are not among them."""
 

@@ -19,7 +19,7 @@ from slipctl.block.connection import evaluation_order
 from slipctl.block.signals import Signal
 from slipctl.block.text.expression import read
 from slipctl.ccode.module.comments import FILE, comment, of_one_file, with_origins
-from slipctl.ccode.module.layout import Copy, c_name, dense_value, matrix
+from slipctl.ccode.module.layout import LOCAL, Copy, c_name, dense_value, matrix
 from slipctl.ccode.module.wires import (
     NO_END,
     POINTERS,
@@ -447,7 +447,8 @@ class Parts:
             lines.append(c.assign(expression(m.at(pointer, k)), made))
             told = made if made.kind == "member" else c.name(f"{part} {node}")
             self._made(targets[i][0], k, told, writer.can_be[node])
-        lines = roll_lines(copy_statements(lines), set(local.values()), sort=True)
+        kept = {*local.values(), *((LOCAL | self.functions.reserved) - {"i"})}
+        lines = roll_lines(copy_statements(lines), kept, sort=True)
         return with_origins(lines, named_equations(local, targets, page))
 
     def _given(self, places: Sequence[Place | None], i: int, k: int) -> int:

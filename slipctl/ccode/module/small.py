@@ -31,12 +31,12 @@ _SMALL = {
         if ((value >= lo) && (value <= hi)
             && (anything || (way <= noise + change * ((double)*age + 1.0)))) {
             *last = value;
-            *age = again ? (*age - 1) : 0;
+            *age = (*age > 1) ? (*age - 1) : 0;
             *back = 0U;
             if (again) { *back = 1U; }
             return follows ? (again ? UNSURE : 0U) : OFF_RANGE_;
         }
-        *age += unknown ? 0 : 1;
+        if ((*age >= 0) && (*age < FORGOTTEN)) { *age += 1; }
         *back = 0U;
         return ((fabs(value) <= DBL_MAX) ? OFF_RANGE_ : BAD_INPUT_)
             | (stays ? 0U : REFUSED_); }""",

@@ -67,10 +67,10 @@ def functions(plan: Plan, hold: str) -> list[Node]:
     made = [define(prototype(plan), lines)]
     if remembers:
         older = [
-            f"for (int k = 0; k < {plan.n_in}; ++k) {{ if (guard->age[k] >= 0) {{"
+            f"for (int k = 0; k < {plan.n_in}; ++k) {{ guard->back[k] = 0U;"
+            " if ((guard->age[k] >= 0) && (guard->age[k] < FORGOTTEN)) {"
             " const unsigned int left = (unsigned int)FORGOTTEN - (unsigned int)guard->age[k];"
-            " guard->age[k] = (ticks < left) ? (guard->age[k] + (int)ticks) : FORGOTTEN;"
-            " guard->back[k] = 0U; } }",
+            " guard->age[k] = (ticks < left) ? (guard->age[k] + (int)ticks) : FORGOTTEN; } }",
             "guard->fresh = 0U;",
         ]
         body = [*older * bool(plan.n_in), *["guard->missed += ticks;"] * bool(plan.counters)]
