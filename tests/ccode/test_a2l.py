@@ -46,7 +46,7 @@ def test_description_is_strictly_valid(name: str, tmp_path: Path) -> None:
     assert text.count("/begin AXIS_PTS ") == sum(s.rising for s in free)
     others = len(block.inputs) + len(block.states) + len(block.outputs)
     derived = sum(s.derived for s in block.params.values())
-    counted = (4 if block.inputs else 1) + bool(counters(block))  # age, back, fresh, refused, missed
+    counted = (4 if block.inputs else 1) + bool(counters(block))  # missed
     assert text.count("/begin MEASUREMENT") == others + derived + 9 + counted
     assert "FLOAT32_IEEE" in text
     assert "FLOAT64_IEEE " not in text.replace("ALIGNMENT_FLOAT64_IEEE", "")
