@@ -209,10 +209,15 @@ class _Run:
             if q not in arrays and q not in self.first and names[last][q] in words
         }  # fmt: skip
         kinds = [x.head.removeprefix("const ") for x in lines[self.start :][: self.period]]
-        local = [n and _of_all(n) for n in names[0]]
+        rows = list(zip(*names, strict=True))
+        given = [  # the model may name one of the last block only
+            row[0] if q in self.first else next((n for n in row if not _is_letter(n)), row[0])
+            for q, row in enumerate(rows)
+        ]
+        local = [n and _of_all(n) for n in given]
         others = words | c.words(lines[: self.start]) | taken
         local = [
-            n if n and local.count(n) == 1 and n not in others else names[0][q]
+            n if n and local.count(n) == 1 and (n in rows[q] or n not in others) else names[0][q]
             for q, n in enumerate(local)
         ]
         self.begin = self._begin(bool(arrays))
@@ -266,6 +271,11 @@ class _Run:
             return here[self.own[q, at]]
         parts = (self._put(q, p, (*at, k), here, carried) for k, p in enumerate(n.parts))
         return replace(n, parts=tuple(parts)) if n.parts else n
+
+
+def _is_letter(name: str) -> bool:
+    """Whether it is one that no model gives."""
+    return name[:1] == "a" and name[1:].isdecimal()
 
 
 def _of_all(name: str) -> str:
