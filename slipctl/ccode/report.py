@@ -30,32 +30,24 @@ class Report:
 
     @property
     def passed(self) -> bool:
-        """Whether nothing differs by more than the limit (true where nothing was compared)."""
-        proven = bool(self.data.get("proof", {}).get("passed", True))
-        return self._right and self._in_time and proven
+        """Whether all that was asked for passed (true where nothing was compared)."""
+        return not self.failures
 
     @property
-    def only_load(self) -> bool:
-        """Whether a step takes longer than its tick, and nothing else is wrong."""
-        return self._right and not self._in_time
-
-    @property
-    def only_unproven(self) -> bool:
-        """Whether a proof was asked for and did not come about, and nothing else is wrong."""
-        return self._right and self._in_time and not self.passed
-
-    @property
-    def _targets(self) -> list[dict[str, Any]]:
-        return list(self.data["targets"])
-
-    @property
-    def _right(self) -> bool:
-        parts = [*self._targets, self.data.get("analysis", {}), self.data.get("fuzz", {})]
-        return all(p.get("passed", True) for p in (self.data, *parts))
-
-    @property
-    def _in_time(self) -> bool:
-        return all(t.get("load", {}).get("passed", True) for t in self._targets)
+    def failures(self) -> tuple[str, ...]:
+        """What is wrong, each by what it is: a difference, findings, a crash, time, no proof."""
+        d = self.data
+        found = ["the C differs from Python"] * (not d.get("passed", True))
+        found += [f"its test fails on {t['target']}" for t in d["targets"] if not t["passed"]]
+        if "analysis" in d and not d["analysis"]["passed"]:
+            broken = ", ".join(d["analysis"]["required"]) or "cppcheck has errors or warnings"
+            found.append(f"MISRA C:2012 or cppcheck finds what must not be ({broken})")
+        if not d.get("fuzz", {}).get("passed", True):
+            found.append("libFuzzer broke it")
+        in_time = all(t.get("load", {}).get("passed", True) for t in d["targets"])
+        found += ["a step takes longer than its tick"] * (not in_time)
+        proven = bool(d.get("proof", {}).get("passed", True))
+        return (*found, *["Frama-C has not proved all goals"] * (not proven))
 
     def __str__(self) -> str:
         d = self.data
@@ -73,12 +65,14 @@ class Report:
         if d["compiled"]:
             lines.append(f"  one instance: {d['memory_bytes']['state']} bytes of state")
             largest, of = expected_outputs.largest_relative(d["signals"])
-            not_each = sum(s["compared"] == "envelope" for s in d["signals"].values())
-            range_alone = f"; of {not_each} signals the range alone" if not_each else ""
+            not_each = [n for n, s in d["signals"].items() if s["compared"] == "envelope"]
+            range_alone = f"; of {len(not_each)} signals the range alone" * bool(not_each)
+            asked = ", ".join(n for n in not_each if "." not in n)
+            range_alone += f", among them {asked}" * bool(asked)
             lines.append(
                 f"  {d['ticks']} ticks replayed, largest difference from Python"
                 f" {largest:.3g} of the largest value ({of}){range_alone}:"
-                f" {'passed' if self._right else 'FAILED'}"
+                f" {'passed' if d['passed'] else 'FAILED'}"
             )
             lines.append(f"  {coverage.summary(d['coverage'])}")
         for t in d["targets"]:
@@ -104,7 +98,7 @@ class Report:
             lines.append(f"  libFuzzer: {f['executions']} runs in {f['seconds']} s, {f['said']}")
         if "proof" in d:
             lines.append(f"  {module_proof.summary(d['proof'])}")
-        if not self._right:
+        if not d.get("passed", True):
             lines += [
                 f"  {c['compiler']}: {c['own_test']}; {c['faults']} ticks with another status;"
                 f" public symbols {', '.join((c['symbols'] or {}).get('defined', []))}"

@@ -89,10 +89,6 @@ def answer(options: argparse.Namespace, command: str) -> int:
             "the functions of %s differ behind their 31st character only, which C99 need not tell"
             " apart (MISRA C:2012, 5.1); --name gives a shorter name", report.data["name"],
         )  # fmt: skip
-    if report.only_load:
-        raise RunFailed(f"{name}: a step takes longer than its tick; see {out / 'report.json'}")
-    if report.only_unproven:
-        raise RunFailed(f"{name}: Frama-C has not proved all goals; see {out / 'report.md'}")
-    if not report.passed:
-        raise RunFailed(f"{name}: the C differs from Python; see {out / 'report.json'}")
+    if report.failures:
+        raise RunFailed(f"{name}: {'; '.join(report.failures)}; see {out / codegen.READABLE}")
     return 0

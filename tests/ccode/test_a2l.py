@@ -46,7 +46,7 @@ def test_description_is_strictly_valid(name: str, tmp_path: Path) -> None:
     assert text.count("/begin AXIS_PTS ") == sum(s.rising for s in free)
     others = len(block.inputs) + len(block.states) + len(block.outputs)
     derived = sum(s.derived for s in block.params.values())
-    counted = (2 if block.inputs else 1) + bool(counters(block))  # age, refused, missed
+    counted = (4 if block.inputs else 1) + bool(counters(block))  # missed
     assert text.count("/begin MEASUREMENT") == others + derived + 9 + counted
     assert "FLOAT32_IEEE" in text
     assert "FLOAT64_IEEE " not in text.replace("ALIGNMENT_FLOAT64_IEEE", "")
@@ -224,7 +224,7 @@ def test_addresses_come_from_the_elf_file(tmp_path: Path) -> None:
         )
     )  # fmt: skip
     assert set(links) == set(addresses)
-    assert len(links) == 8 + 9 + 2  # the status, its bits, and what the guards count
+    assert len(links) == 8 + 9 + 4  # the status, its bits, and what the guards keep
     for name, (symbol, offset) in links.items():
         assert int(addresses[name], 16) == at[symbol] + offset, name
 

@@ -215,13 +215,41 @@ def test_resets_go_on_until_the_cause_is_reached(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("off", [0, 1, 3])
-def test_every_part_has_its_turn(off: int) -> None:
-    """Of three parts: the one that is off or the first, then 1, 2, 3, then all (4)."""
-    f, refused, turns = guard.patience(3), 0.0, []
-    for _ in range(6 * guard.PATIENCE):
-        refused, part = (float(v) for v in f(refused, off))
-        turns += [part] * (part > 0)
-    assert turns == [max(off, 1), 1, 2, 3, 4, max(off, 1)]
+def test_every_part_has_its_turn(off: int, tmp_path: Path) -> None:
+    """Of three parts: the one that is off or the first, then 1, 2, 3, then all, and anew."""
+
+    @step(y=Output("1", "sum"))
+    def sums(x=State("1", 0.0, "sum"), u=Input("1", "number")):
+        """Sum of what comes."""
+        return dict(x=x + u), dict(y=x)
+
+    three = connect("three", {f"{p}.u": "u" for p in "abc"}, a=sums, b=sums, c=sums)
+    codegen.c_module(three, tmp_path)
+    places = [f"state.kept.{Plan(three).layout.places[f'{p}_x']}" for p in "abc"]
+    marked, seen = "".join(f"{p} = 1.0;" for p in places), " + ".join(
+        f"(({p} == 0.0) ? {2**k} : 0)" for k, p in enumerate(places))  # fmt: skip
+    (tmp_path / "main.c").write_text(f"""#include "three.c"
+#include <stdio.h>
+int main(void)
+{{
+    static three_state state;
+    static three_param param;
+    three_default(&param);
+    (void)three_init(&param, &state);
+    for (int k = 0; k < {6 * guard.PATIENCE}; ++k) {{
+        {marked}
+        if (recover(&param, &state, {off}) != 0U) {{ (void)printf("%d %d ", k, {seen}); }}
+    }}
+    return 0;
+}}
+""")
+    (cc, *_) = compilers.compilers()
+    subprocess.run([cc, "-std=c99", "main.c", "-o", "main", "-lm"], cwd=tmp_path, check=True)
+    said = subprocess.run(["./main"], cwd=tmp_path, check=True, capture_output=True, text=True)
+    ticks, parts = (list(map(int, said.stdout.split()))[k::2] for k in (0, 1))
+    assert ticks == [guard.PATIENCE * k - 1 for k in range(1, 7)]
+    first = 2 ** (max(off, 1) - 1)
+    assert parts == [first, 1, 2, 4, 7, first]
 
 
 @pytest.mark.parametrize("real", REALS)
@@ -301,7 +329,8 @@ def test_each_result_is_tested_once_and_by_every_compiler(real: str, tmp_path: P
     source = (tmp_path / "products.c").read_text()
     tested = source.partition("bool result_finite")[2].partition("\n}")[0]
     found = re.findall(r"now->\w+(?:\[\d\])?", tested)
-    assert sorted(found) == ["now->T", "now->y", "now->z[0]", "now->z[1]"]
+    assert sorted(found) == ["now->T", "now->y", "now->z"]
+    assert "zero_of(now->z, 2)" in tested
     limits = np.finfo(np.float32 if real == "float" else np.float64)
     usual = [0.0, -0.0, 1.0, -float(limits.max) / 2, float(limits.max) / 2, float(limits.tiny) / 4]
     for compiler in compilers.compilers():

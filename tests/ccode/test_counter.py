@@ -43,7 +43,7 @@ int main(void)
     way_out out = {0.0};
     unsigned int k;
     way_default(&param);
-    if (%d == 0) { (void)way_init(&param, &state); } else { state.guard.mark = 0.0; }
+    if (%d == 0) { (void)way_init(&param, &state); } else { state.guard.mark = 0U; }
     for (k = 0; k < (sizeof(u) / sizeof(u[0])); ++k) {
         int status;
         in.u = u[k];

@@ -13,8 +13,12 @@ from module_text import laid_out, of_folder, with_pass
 from slipctl import BadInput, Input, Output, Param, State, make_block
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
+from slipctl.ccode.passes import rolled_loops
+from slipctl.ccode.passes.lanes import in_lanes
 from slipctl.ccode.passes.loop_fusion import fuse_loops
 from slipctl.ccode.passes.rolled_loops import roll_lines
+from slipctl.ccode.tree.parser import code
+from slipctl.ccode.tree.printer import lines_of
 
 TAPS, POINTS = 100, 32
 
@@ -100,9 +104,71 @@ def _run(lines: list[str], x: np.ndarray) -> list[float]:
             for word in ("const ", "double "):
                 bare = bare.removeprefix(word)
             text.append(indent + bare.replace("(double)i", "float(i)"))
-    y = [0.0] * 40
-    exec("\n".join(text), {"x": x, "y": y})
-    return y
+    y, z = [0.0] * 40, [0.0] * 4
+    exec("\n".join(text), {"x": x, "y": y, "z": z, "u": x[8:12]})
+    return [*y, *z]
+
+
+def _mixed(rng: np.random.Generator) -> list[str]:
+    """A program of four axles of which the statements are mixed, with what they share."""
+    lines, shared = list[str](), ["x[4]"]
+    begun: list[tuple[str, int, str]] = []  # name, lanes that are there, how one is worked out
+    for step in range(60):
+        name, given = f"f{step}", rng.choice(shared)
+        sources = ["u[{k}]", "z[{k}]", *(f"{n}_{{k}}" for n, lanes, _ in begun if lanes == 4)]
+        kind = rng.integers(7)
+        behind = [k for k, (_, lanes, _) in enumerate(begun) if lanes < 4]
+        if kind < 4 and behind:
+            at = behind[rng.integers(len(behind))]
+            name, k, made = begun[at]
+            before = made.replace("{before}", f"{name}_{k - 1}" if k else "x[5]")
+            lines.append(f"const double {name}_{k} = {before.replace('{k}', str(k))};")
+            begun[at] = name, k + 1, made
+        elif kind == 4:
+            lines += [f"z[{k}] = {rng.choice(sources[2:] or ['u[{k}]']).replace('{k}', str(k))};"
+                      for k in range(4)]  # fmt: skip
+        elif kind == 5:
+            one = rng.choice(sources).replace("{k}", str(rng.integers(4)))
+            lines.append(f"const double s{step} = {given} - {one};")
+            shared.append(f"s{step}")
+        else:
+            more = " + {before}" * (rng.random() < 0.3)
+            begun.append((name, 0, f"{rng.choice(sources)} * {given}{more}"))
+    return [*lines, f"y[7] = {shared[-1]};"]
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_sorted_by_axle_each_statement_has_what_it_had(seed: int) -> None:
+    """What one needs of another, or overwrites of it, keeps its turn; so do chains over axles."""
+    rng = np.random.default_rng(seed)
+    lines, x = _mixed(rng), rng.normal(size=12)
+    moved, runs = in_lanes(code("\n".join(lines)))
+    now = lines_of(moved, "")
+    assert sorted(now) == sorted(lines_of(code("\n".join(lines)), ""))
+    assert _run(now, x) == _run(lines, x)
+    assert all(begin + 4 * period <= len(moved) for begin, period in runs)
+
+
+def test_statements_of_axles_are_loops_though_the_first_has_what_all_share(monkeypatch) -> None:
+    monkeypatch.setattr(rolled_loops, "WORTH", 1)  # a short program has little to save
+    lines = list[str]()
+    for k in range(4):
+        lines += [f"const double w_{k} = u[{k}] * x[4];"]
+        lines += ["const double lift = x[5] * x[6];"] * (k == 0)
+        lines += [f"const double e_{k} = lift - w_{k};", f"const double f_{k} = e_{k} * e_{k};"]
+        lines += ["const double turn = x[6] - x[7];"] * (k == 0)
+        lines += [f"const double m_{k} = f_{k} + {f'm_{k - 1}' if k else 'x[7]'};"]
+        lines += [f"const double g_{k} = w_{k} * turn + f_{k};"]
+    lines += ["const double most = m_3 * 2.0;"]
+    for k in range(4):
+        lines += [f"const double h_{k} = most - g_{k};", f"z[{k}] = h_{k} * e_{k};"]
+        lines += ["const double wide = most * x[7];"] * (k == 0)
+        lines += [f"const double j_{k} = h_{k} * wide;", f"y[{k}] = j_{k};"]
+    x = np.random.default_rng(3).normal(size=12)
+    short = with_pass(roll_lines, lines, set(), True)
+    assert sum("for (int i = 0; i < 4; ++i)" in line for line in short) == 2
+    assert len(short) < 0.7 * len(lines)
+    assert _run(short, x) == _run(lines, x)
 
 
 @pytest.mark.second

@@ -1,8 +1,7 @@
 """What guards a step: rules for one number, for C and for the run in Python.
 
-``accept`` says what an input becomes, ``patience`` when states that stay refused are reset, and
-which. Both are CasADi Functions of scalars, which Python calls. C has the text of ``patience``; its
-``accept`` is written by hand, with integers for the bits, and compared with this one tick by tick.
+``accept`` says what an input becomes, as a CasADi Function of scalars that Python calls. In C it is
+written by hand, with integers for ages and bits, and compared with this one tick by tick.
 """
 
 from __future__ import annotations
@@ -13,13 +12,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl.block.text.intermediates import remember_locals
-from slipctl.ccode.passes.local_names import name_locals, with_inside
-from slipctl.ccode.tree import nodes as c
-from slipctl.ccode.tree.expressions import Writer
-from slipctl.ccode.tree.nodes import Node
-from slipctl.ccode.tree.parser import expression
-
 BAD_INPUT, BAD_RESULT, BAD_PARAM, OFF_RANGE, LIMITED, REFUSED, RESET, NO_INIT, TIMING = (
     1 << k for k in range(9)
 )
@@ -27,8 +19,6 @@ BAD_INPUT, BAD_RESULT, BAD_PARAM, OFF_RANGE, LIMITED, REFUSED, RESET, NO_INIT, T
 
 MARK_NAME = "INITIALISED"
 """What ``init`` leaves in a state; a step of a state without it is refused."""
-
-MARK_TEXT = f"#define {MARK_NAME} 9240613U /* what init leaves in a state */"
 
 PATIENCE = 10
 """Ticks refused in a row after which a part is reset, and after as many more the next one."""
@@ -44,6 +34,15 @@ UNSURE = 256
 """Beside the bits of the status: an input is good, but was not for a while before."""
 
 
+NUMBERS = {
+    MARK_NAME: ("9240613U", "what init leaves in a state"),
+    "UNSURE": (f"{UNSURE}U", "beside the status: good, but was not for a while before"),
+    "FORGOTTEN": ("", "ticks after which the last good value says nothing"),
+    "PATIENCE": (f"{PATIENCE}U", "ticks refused in a row before a reset"),
+}
+"""Numbers of the guards by their names in C; ``FORGOTTEN`` is :func:`memory`."""
+
+
 def memory(period: float | None, stale: np.ndarray) -> float:
     """``FORGOTTEN`` in ticks, of 1 ms where no period is known; not before a value is stale."""
     ticks = float(np.ceil(FORGOTTEN / (period or 1e-3)))
@@ -51,7 +50,6 @@ def memory(period: float | None, stale: np.ndarray) -> float:
 
 
 @lru_cache(maxsize=1)
-@remember_locals
 def accept() -> ca.Function:
     """(value, last, age, lo, hi, change, noise, stale, memory, most) -> (taken, age, told).
 
@@ -96,30 +94,7 @@ def accept() -> ca.Function:
     )
 
 
-@lru_cache(maxsize=16)
-@remember_locals
-def patience(parts: int) -> ca.Function:
-    """(refused, off) -> (refused, part): one more tick is refused; which part is reset, 0 for none.
-
-    ``off`` is the part of which a state is out of its range, 0 if that is not the reason. After
-    ``PATIENCE`` ticks it is that part (else the first). After as many more it is the first, the
-    second and so on in the order of the wires, then all of them (``parts + 1``). Then the count
-    begins anew.
-    """
-    before, off = ca.SX.sym("refused"), ca.SX.sym("off")
-    refused = before + 1
-    turn = refused / PATIENCE
-    due = turn == ca.floor(turn)
-    first = ca.if_else(off > 0, off, 1)
-    part = ca.if_else(due, ca.if_else(turn > 1, turn - 1, first), 0)
-    after = ca.if_else(refused >= PATIENCE * (parts + 2), 0, refused)
-    return ca.Function(
-        "patience", [before, off], [after, part], ["before", "off"], ["refused_next", "which"]
-    )
-
-
 @lru_cache(maxsize=1)
-@remember_locals
 def counter_after() -> ca.Function:
     """(tick, missed, ticks) -> where a counter from 0 to ``ticks`` stands that missed some."""
     tick, missed, ticks = (ca.SX.sym(n) for n in ("tick", "missed", "ticks"))
@@ -128,28 +103,6 @@ def counter_after() -> ca.Function:
     found = ca.if_else(ca.logic_and(rest >= 0, rest < ticks), rest, 0)
     names = ["tick", "missed", "ticks"]
     return ca.Function("later", [tick, missed, ticks], [found], names, ["counted"])
-
-
-def statements(f: ca.Function, names: list[str], results: list[str]) -> list[Node]:
-    """Statements of a rule in C: arguments are read by these names, first results written to these.
-
-    The others are locals, by the names that the rule gives its results.
-    """
-    given = [f.name_out(k) for k in range(f.n_out())]
-    read = [expression(n) for n in names]
-    words = c.words(read) | c.words(map(expression, results)) | set(given)
-    inner, letters = with_inside(f, words)
-    writer = Writer(inner, lambda i, k: read[i], letters, shown=f.n_out(), modest=True).run()
-    at = dict(writer.results)
-    lines = list(writer.lines)
-    # a result may be an argument of the next: all are known before one is written
-    lines += [
-        c.declare("const double", name, writer.result(at[i, 0])) for i, name in enumerate(given)
-    ]
-    lines += [
-        c.assign(expression(to), c.name(name)) for to, name in zip(results, given, strict=False)
-    ]
-    return name_locals(lines, "", words)
 
 
 def accepted_inputs(

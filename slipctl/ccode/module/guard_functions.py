@@ -24,7 +24,7 @@ def check_inputs(plan: Plan) -> list[Node]:
         return []
     known, ends = _known(plan)
     lines: list[str | Node] = [*known]
-    good = " && ".join(["(guard->fresh > 0.0)", *_all_good(lay.inputs, ends)])
+    good = " && ".join(["(guard->fresh != 0U)", *_all_good(lay.inputs, ends)])
     lines += ["unsigned int told = 0U;", if_(good, "guard->last = *in;", "return told;")]
     at = 0
     for m in lay.inputs:
@@ -38,26 +38,27 @@ def check_inputs(plan: Plan) -> list[Node]:
             ", ".join(
                 [
                     *(ends[m.c, k, what] for what in Ends._fields),
-                    number(float(m.signal.stale)),
+                    str(math.ceil(m.signal.stale)),
                 ]
             )
             for k in range(m.size)
         ]
         if m.size > 1 and len(set(each)) == 1:
-            last = f"{m.address('guard->last.')}, &guard->age[{at}]"
+            last = f"{m.address('guard->last.')}, &guard->age[{at}], &guard->back[{at}]"
             given = ", ".join([m.address("in->"), str(m.size), each[0], last])
             lines.append(f"told |= accept_all({given});")
         else:
             for k, given in enumerate(each):
-                last = f"&{m.at('guard->last.', k)}, &guard->age[{at + k}]"
+                own = f"&guard->age[{at + k}], &guard->back[{at + k}]"
+                last = f"&{m.at('guard->last.', k)}, {own}"
                 lines.append(f"told |= accept({m.at('in->', k)}, {given}, {last});")
         at += m.size
-    lines.append("guard->fresh = (told == 0U) ? 1.0 : 0.0;")
+    lines += ["guard->fresh = 0U;", if_("told == 0U", "guard->fresh = 1U;")]
     what = comment("Take the inputs, of one that is bad its last good value; bits of the status.")
     used = [*known, *map(expression, ends.values())]
     signature = prototype(plan, "static unsigned int", "check_inputs", f"const {n}_in *in",
                           *_types(plan, used), f"struct {n}_guard *guard")  # fmt: skip
-    return [define(signature, [*lines, f"return told % {guard.UNSURE}U;"], what)]
+    return [define(signature, [*lines, "return told % UNSURE;"], what)]
 
 
 def _known(plan: Plan) -> tuple[list[Node], dict[Any, str]]:
@@ -65,7 +66,6 @@ def _known(plan: Plan) -> tuple[list[Node], dict[Any, str]]:
 
     Before its first good value, and where the last one is forgotten, an input speaks for itself.
     """
-    longest = number(guard.memory(plan.period, plan.stale) - 0.5)  # ages are whole and halves
     lines, ends = plan.ends_text(plan.layout.inputs, last=True)
     read = {n.text for end in ends.values() for n in expression(end).walk()}
     read |= {n.text for line in lines for n in line.walk() if n.kind in ("member", "index")}
@@ -76,8 +76,9 @@ def _known(plan: Plan) -> tuple[list[Node], dict[Any, str]]:
             if last in read:
                 name = f"known_{m.c}" + f"_{k}" * (m.size > 1)
                 made[last] = c.name(name)
-                there = f"within(guard->age[{at + k}], 0.0, {longest})"
-                given = expression(f"{there} ? {last} : {m.at('in->', k)}")
+                age = f"guard->age[{at + k}]"
+                there = f"({age} >= 0) && ({age} < FORGOTTEN)"
+                given = expression(f"({there}) ? {last} : {m.at('in->', k)}")
                 known.append(c.declare("const double", name, given))
         at += m.size
 
@@ -187,10 +188,14 @@ def recover(plan: Plan) -> list[Node]:
     n, parts = plan.name, len(plan.parts)
     if not parts:
         return []
-    rule = guard.statements(
-        guard.patience(parts), ["state->guard.refused", "(double)off"], ["state->guard.refused"]
-    )
-    which = f"const int part = (which > {number(parts + 0.5)}) ? 0 : (int)which;"
+    rule: list[str | Node] = [
+        "const unsigned int refused = state->guard.refused + 1U;",
+        "const unsigned int turn = refused / PATIENCE;",
+        f"state->guard.refused = (turn < {parts + 2}U) ? refused : 0U;",
+        if_("(refused % PATIENCE) != 0U", "return 0U;"),
+        f"int part = (turn <= {parts + 1}U) ? ((int)turn - 1) : 0;",
+        if_("turn == 1U", "part = (off != 0) ? off : 1;"),
+    ]
     call = "start(%s, &state->kept, part)"
     reset: list[str | Node] = [f"{call % 'param'};"]
     if any(m.signal.derived for m in plan.layout.states):
@@ -200,10 +205,8 @@ def recover(plan: Plan) -> list[Node]:
             other = [f"{n}_param safe;", f"{n}_default(&safe);", f"(void){call % '&safe'};"]
         reset = [if_(f"!{call % 'param'}", *other)]
     lines: list[str | Node] = [
-        *rule,
-        if_("which > 0.0", which, *reset, f"return (unsigned int){plan.layout.big}_RESET;"),
-        "return 0U;",
-    ]
+        *rule, *reset, f"return (unsigned int){plan.layout.big}_RESET;",
+    ]  # fmt: skip
     order = ", ".join(p or "the state" for p in plan.parts)
     what = comment(
         f"One more tick is refused. After {guard.PATIENCE} in a row the part of which a state is"
@@ -275,7 +278,7 @@ def _zero(elements: Iterable[tuple[Member, str, int]]) -> list[str]:
     products: list[str] = []
     chain: list[str] = []
     for m, pointer, k in elements:
-        if m.size > _CHAIN:
+        if m.size > 1:
             whole = f"zero_of({pointer}{m.c}, {m.size})"
             products += [whole] * (whole not in products)
             continue

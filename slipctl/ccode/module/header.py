@@ -173,15 +173,17 @@ def _state(plan: Plan) -> str:
             lines += [member_comment(m), f"    {m.declared(real)}"]
         lines += ["};", ""]
     ages = [
-        f"    {real} age[{plan.n_in}]; /* ticks without, less good ones since; -1: none yet */",
-        f"    {real} fresh; /* 1 if all were good in the last tick, and are sure */",
+        f"    int age[{plan.n_in}]; /* ticks without, less good ones since; -1: none yet */",
+        f"    unsigned int back[{plan.n_in}]; /* 1: good in the last tick, but away before */",
+        "    unsigned int fresh; /* 1 if all were good in the last tick, and are sure */",
     ]
     lines += [
         f"struct {n}_guard {{",
         f"    {n}_in last; /* inputs as the equations see them: the last good ones */",
         *ages * bool(plan.n_in),
-        f"    {real} refused; /* ticks refused in a row since the last good one or reset */",
-        *[f"    {real} missed; /* ticks refused since the last good one */"] * bool(plan.counters),
+        "    unsigned int refused; /* ticks refused in a row since the last good one or reset */",
+        *["    unsigned int missed; /* ticks refused since the last good one */"]
+        * bool(plan.counters),
         "    unsigned int mark; /* set by init, looked for by step */",
         "};",
         "",

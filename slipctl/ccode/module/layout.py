@@ -41,6 +41,7 @@ sign_of equations failed limited limit limit_all param_ok in_finite result_finit
 all_within all_can_follow can_follow fill copy hold safe reached main accept accept_all check_inputs
 states_within start recover guard part part_off off refused told in_force used limit_outputs
 start_outputs mark fresh rising derived work own defaults untouched good whole which
+INITIALISED UNSURE FORGOTTEN PATIENCE
 """
 LOCAL = frozenset((*_LOCAL_WORDS.split(), "i", "j", "k"))
 """Names that mean something inside the generated functions; loops count by the last three."""

@@ -17,8 +17,9 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.block.connection import evaluation_order
 from slipctl.block.signals import Signal
+from slipctl.block.text.expression import read
 from slipctl.ccode.module.comments import FILE, comment, of_one_file, with_origins
-from slipctl.ccode.module.layout import Copy, c_name, dense_value, matrix
+from slipctl.ccode.module.layout import LOCAL, Copy, c_name, dense_value, matrix
 from slipctl.ccode.module.wires import (
     NO_END,
     POINTERS,
@@ -33,6 +34,7 @@ from slipctl.ccode.module.wires import (
     named_equations,
     own_pointers,
     runs_of,
+    switch_lines,
     vector_of,
 )
 from slipctl.ccode.passes.letters import Told, letters
@@ -352,6 +354,8 @@ class Parts:
         self, block: Block, wires: Wires, outputs: Sequence[str], last: bool
     ) -> list[Node]:
         """Statements of a block's own equations."""
+        if last and "transitions" in block.choices:
+            return self._machine(block, wires)
         groups = [block.symbols(role) for role in ("state", "input", "param")]
         with letters(groups, block.doc) as told:
             n, y = block.expr(*groups)
@@ -377,6 +381,38 @@ class Parts:
         results += [dense_value(block, block.outputs[k], y[k]) for k in known]
         f = ca.Function("part", arguments, results, {"cse": True})
         return self._scalar(f, places, targets, page, [wires.outputs[k] for k in known])
+
+    def _machine(self, block: Block, wires: Wires) -> list[Node]:
+        """Statements of a state machine: its conditions, and a switch over its states."""
+        groups = [block.symbols(role) for role in ("input", "param")]
+        given = {**groups[0], **groups[1]}
+        rows = {text: (here, to) for here, to, text in reversed(block.choices["transitions"])}
+        f = ca.Function("part", list(given.values()),
+                        [read(text).value(given) for text in rows], {"cse": True})  # fmt: skip
+        taken = self.functions.taken(f) | self.functions.pointers
+        local = dict[tuple[int, int], str]()
+        for i, (here, to) in enumerate(rows.values()):
+            said = c_name(f"to_{to}" if here == "*" else f"{here}_to_{to}")
+            local[i, 0] = free_name(said, {*taken, *local.values()})
+        places = [
+            *(wires.inputs[n] for n in block.inputs),
+            *(wires.params[n] for n in block.params),
+        ]
+        writer = Writer(
+            f, lambda i, k: self._read(places, i, k), local, itertools.count(1),
+            can_be=lambda i, k: self._given(places, i, k), shown=len(rows),
+        ).run()  # fmt: skip
+        self.functions.helpers |= set(writer.helpers)
+        chosen = {text: writer.condition(writer.results[i][1]) for i, text in enumerate(rows)}
+        then = free_name("then", {*taken, *local.values()})
+        (now,), (to,), (told,) = (
+            [*table.values()] for table in (wires.states, wires.following, wires.outputs)
+        )
+        lines = [*writer.lines, *switch_lines(block, now[0].at(now[1], 0), then, chosen)]
+        for m, pointer in (to, told):
+            lines.append(c.assign(expression(m.at(pointer, 0)), expression(f"(double){then}")))
+            self._made((m, pointer), 0, m.node(pointer, 0), FINITE)
+        return lines
 
     def _read(self, places: Sequence[Place | None], i: int, k: int) -> Node:
         place = places[i]
@@ -411,7 +447,8 @@ class Parts:
             lines.append(c.assign(expression(m.at(pointer, k)), made))
             told = made if made.kind == "member" else c.name(f"{part} {node}")
             self._made(targets[i][0], k, told, writer.can_be[node])
-        lines = roll_lines(copy_statements(lines), set(local.values()))
+        kept = {*local.values(), *((LOCAL | self.functions.reserved) - {"i"})}
+        lines = roll_lines(copy_statements(lines), kept, sort=True)
         return with_origins(lines, named_equations(local, targets, page))
 
     def _given(self, places: Sequence[Place | None], i: int, k: int) -> int:

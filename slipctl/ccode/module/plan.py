@@ -170,11 +170,13 @@ class Plan:
         states = sum(m.size for m in lay.states)
         held = max(sum(m.size for m in lay.outputs), 1)
         numbers = states * (1 + self.next_in_state) + sum(m.size for m in lay.derived) + held
-        numbers += (2 * self.n_in + 1 if self.n_in else 1) + 2 + bool(self.counters)  # of guards
+        numbers += max(self.n_in, 1)  # the last good inputs
+        counts = (2 * self.n_in + 1) * bool(self.n_in) + 2 + bool(self.counters)  # of guards
         numbers += max(sum(m.size for m in lay.params), 1)  # those in force
         numbers += held + 2 if self.rates else 0  # a tick in hand
         numbers += sz_w if self.work_in_state else 0
         whole = size(self.real)
+        numbers += -(-4 * counts // whole)
         numbers += -(-8 // whole) if self.counter else 0  # two integers
         return whole * numbers + (-(-4 * sz_iw // whole) * whole if self.work_in_state else 0)
 

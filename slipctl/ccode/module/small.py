@@ -4,46 +4,49 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
-from typing import Any
 
-from slipctl.ccode.module import guard
-from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import code
 
 _EACH = "for (int k = 0; k < n; ++k)"
 _SMALL = {
-    "later": "double later(double tick, double missed, double ticks) { return counted; }",
+    "later": """double later(double tick, double missed, double ticks) {
+        const double whole = tick + missed;
+        const double rest = whole - ticks * floor(whole / ticks);
+        return ((0.0 <= rest) && (rest < ticks)) ? rest : 0.0; }""",
     "accept_all": f"""unsigned int accept_all(const double *value, int n, double lo, double hi,
-        double change, double noise, double stale, double *last, double *age) {{
+        double change, double noise, int stale, double *last, int *age, unsigned int *back) {{
         unsigned int told = 0U;
-        {_EACH} {{ told |= accept(value[k], lo, hi, change, noise, stale, &last[k], &age[k]); }}
+        {_EACH} {{ told |= accept(value[k], lo, hi, change, noise, stale, &last[k], &age[k],
+            &back[k]); }}
         return told; }}""",
     "accept": """unsigned int accept(double value, double lo, double hi, double change,
-        double noise, double stale, double *last, double *age) {
-        const bool first = *age < 0.0;
-        const double whole = floor(*age);
-        const bool unknown = first || (whole >= MEMORY_);
+        double noise, int stale, double *last, int *age, unsigned int *back) {
+        const bool unknown = (*age < 0) || (*age >= FORGOTTEN);
         const bool anything = unknown || (change >= DBL_MAX);
         const double way = fabs(value - *last);
-        const bool follows = anything || (way <= noise + change) || (*age <= whole);
-        const bool again = whole > 1.0; /* it was not good for a while before */
+        const bool follows = anything || (way <= noise + change) || (*back == 0U);
+        const bool stays = (*age >= 0) && (*age < stale); /* its last good value is taken */
+        const bool again = *age > 1; /* it was not good for a while before */
         if ((value >= lo) && (value <= hi)
-            && (anything || (way <= noise + change * (whole + 1.0)))) {
+            && (anything || (way <= noise + change * ((double)*age + 1.0)))) {
             *last = value;
-            *age = again ? (((whole > MEMORY_) ? MEMORY_ : whole) - 0.5) : 0.0;
-            return follows ? (again ? UNSURE_ : 0U) : OFF_RANGE_;
+            *age = (*age > 1) ? (*age - 1) : 0;
+            *back = 0U;
+            if (again) { *back = 1U; }
+            return follows ? (again ? UNSURE : 0U) : OFF_RANGE_;
         }
-        *age = unknown ? whole : (whole + 1.0);
+        if ((*age >= 0) && (*age < FORGOTTEN)) { *age += 1; }
+        *back = 0U;
         return ((fabs(value) <= DBL_MAX) ? OFF_RANGE_ : BAD_INPUT_)
-            | ((first || (whole >= stale)) ? REFUSED_ : 0U); }""",
+            | (stays ? 0U : REFUSED_); }""",
     "hand_over_all": f"""unsigned int hand_over_all(const double *value, int n, double *last) {{
         unsigned int told = 0U;
         {_EACH} {{ told |= hand_over(value[k], &last[k]); }}
         return told; }}""",
-    "hand_over": f"""unsigned int hand_over(double value, double *last) {{
+    "hand_over": """unsigned int hand_over(double value, double *last) {
         *last = value;
-        return within(value, -DBL_MAX, DBL_MAX) ? 0U : {guard.BAD_INPUT}U; }}""",
+        return within(value, -DBL_MAX, DBL_MAX) ? 0U : BAD_INPUT_; }""",
     "all_can_follow": f"""bool all_can_follow(const double *x, int n, const double *last,
         double change) {{
         {_EACH} {{ if (!can_follow(x[k], last[k], change)) {{ return false; }} }}
@@ -65,31 +68,21 @@ _SMALL = {
         unsigned int limited = 0U;
         {_EACH} {{ limited |= limit(&x[k], lo, hi); }}
         return limited; }}""",
-    "limit": f"""unsigned int limit(double *x, double lo, double hi) {{
-        if ((*x >= lo) && (*x <= hi)) {{ return 0U; }}
+    "limit": """unsigned int limit(double *x, double lo, double hi) {
+        if ((*x >= lo) && (*x <= hi)) { return 0U; }
         *x = (*x > hi) ? hi : lo; /* NaN: lo */
-        return {guard.LIMITED}U; }}""",
+        return LIMITED_; }""",
     "fill": f"void fill(double *x, int n, double value) {{ {_EACH} {{ x[k] = value; }} }}",
     "copy": f"""void copy(double *to, const double *from, int n) {{
         {_EACH} {{ to[k] = from[k]; }} }}""",
 }
 """Small functions; one that calls another stands before it."""
 
-_RULES: dict[str, tuple[Any, list[str], list[str]]] = {
-    "later": (guard.counter_after, ["tick", "missed", "ticks"], []),
-}
-"""Rules that come before what a function says: what they read and write."""
-
 
 @lru_cache(maxsize=64)
 def _defined(name: str) -> Node:
     (made,) = code(f"static {_SMALL[name]}")
-    if name not in _RULES:
-        return made
-    rule, names, results = _RULES[name]
-    head, body = made.parts
-    return c.function(made.head, name, head.parts,
-                      [*guard.statements(rule(), names, results), *body.parts])  # fmt: skip
+    return made
 
 
 def small_functions(nodes: Iterable[Node], there: Iterable[Node] = ()) -> list[Node]:

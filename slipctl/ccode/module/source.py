@@ -29,7 +29,7 @@ from slipctl.ccode.module.plan import Plan, first_sentence
 from slipctl.ccode.module.small import small_functions
 from slipctl.ccode.passes.part_structs import nest_parts
 from slipctl.ccode.passes.precision import in_precision
-from slipctl.ccode.passes.sections import in_section
+from slipctl.ccode.passes.scratch import in_section
 from slipctl.ccode.passes.split_step import equations_call, in_place, prepare, take_state
 from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import constant, number
@@ -56,17 +56,18 @@ def sources(plan: Plan, section: str | None = None) -> dict[str, str]:
     around += tick_counter.functions(plan, _hold_call(plan)) if plan.counter else []
     parts, around = nest_parts(plan.layout, plan.equations.functions, around)
     small = small_functions(parts.values())
-    remembered = (
-        {"MEMORY_": constant(guard.memory(plan.period, plan.stale))}
-        | {
-            f"{bit}_": expression(f"(unsigned int){plan.layout.big}_{bit}")
-            for bit in ("OFF_RANGE", "BAD_INPUT", "REFUSED")
-        }
-        | {"UNSURE_": expression(f"{guard.UNSURE}U")}
-    )
-    tests = c.swap_all(small_functions(around, small), remembered)
+    bits = {
+        f"{bit}_": expression(f"(unsigned int){plan.layout.big}_{bit}")
+        for bit in ("OFF_RANGE", "BAD_INPUT", "REFUSED", "LIMITED")
+    }
+    tests = c.swap_all(small_functions(around, small), bits)
     of_ranges = {*plan.start.helpers, *plan.bound_helpers}
-    before = [c.raw(_NAN_IS_SEEN), c.raw(guard.MARK_TEXT)]
+    named = c.words([*tests, *around])
+    forgotten = int(guard.memory(plan.period, plan.stale))
+    before = [c.raw(_NAN_IS_SEEN), c.raw("\n".join(
+        f"#define {name} {value or forgotten} /* {what} */"
+        for name, (value, what) in guard.NUMBERS.items() if name in named
+    ))]  # fmt: skip
     if plan.equations.copied:
         before.append(c.remark(
             "Functions casadi_... are copied from the templates of CasADi"
@@ -196,6 +197,12 @@ def _constant(m: Member, pointer: str, value: Any) -> list[str]:
         return [f"{pointer}{m.c} = {number(float(flat[0]))};"]
     if m.size > 2 and (flat == flat[0]).all():
         return [f"fill({pointer}{m.c}, {m.size}, {number(float(flat[0]))});"]
+    again = next((n for n in range(1, m.size) if (flat[n:] == flat[:-n]).all()), m.size)
+    lines = [f"{pointer}{m.c}[{k}] = {number(float(v))};" for k, v in enumerate(flat[:again])]
+    if m.size - again > 1:  # the same numbers for each copy
+        before = f"{pointer}{m.c}[k - {again}]"
+        each = f"for (int k = {again}; k < {m.size}; ++k) {{ {pointer}{m.c}[k] = {before}; }}"
+        return [*lines, each]
     return [f"{pointer}{m.c}[{k}] = {number(float(v))};" for k, v in enumerate(flat)]
 
 
@@ -263,7 +270,9 @@ def _begun(plan: Plan, members: Sequence[Member]) -> list[Node]:
     for m, lines in made:
         before += [line for line in lines if line.kind == "declare"]
         values = [c.value(line) for line in lines if line.kind == "do" and c.target(line)]
-        if not values:  # filled
+        if any(line.kind == "for" for line in lines):
+            behind += [line for line in lines if line.kind != "declare"]
+        elif not values:  # filled
             behind += [x for x in lines if x.kind == "do" and x.parts[0].parts[-1] != _ZERO]
         elif any(v != _ZERO for v in values):
             text = ", ".join(v.text for v in values)
@@ -284,7 +293,7 @@ def _distinct(lines: list[Node]) -> list[Node]:
 def _init(plan: Plan) -> list[Node]:
     n, big, lay = plan.name, plan.layout.big, plan.layout
     computed = any(m.signal.derived for m in lay.states)
-    ages = f".age = {{{', '.join(['-1.0'] * plan.n_in)}}}"
+    ages = f".age = {{{', '.join(['-1'] * plan.n_in)}}}"
     untouched = [*[ages] * bool(plan.n_in), f".mark = {guard.MARK_NAME}"]
     lines: list[str | Node] = [f"int status = {n}_tune(param, state);"]
     start = "start(&state->in_force, &state->kept, 0)"
@@ -363,7 +372,7 @@ def _has_hold(plan: Plan) -> bool:
 def _step(plan: Plan) -> list[Node]:
     n, big, lay = plan.name, plan.layout.big, plan.layout
     hold = [_hold_call(plan)]
-    hold += ["state->guard.missed += 1.0;"] * bool(plan.counters)
+    hold += ["++state->guard.missed;"] * bool(plan.counters)
     has_next = bool(lay.states)
     following = "state->next" if plan.next_in_state else "next"
     seen = "&state->guard.last" if lay.inputs else "in"
@@ -408,10 +417,10 @@ def _step(plan: Plan) -> list[Node]:
     if plan.ahead:
         lines.append(if_("whole", *take_state(plan, plan.ahead)))
     rest = [m for m in lay.states if m not in plan.ahead]
-    lines += [*take_state(plan, rest), "state->guard.refused = 0.0;"]
+    lines += [*take_state(plan, rest), "state->guard.refused = 0U;"]
     if plan.counters:
-        moved = "catch_up(&state->kept, state->guard.missed);"
-        lines.append(if_("state->guard.missed > 0.0", moved, "state->guard.missed = 0.0;"))
+        moved = "catch_up(&state->kept, (double)state->guard.missed);"
+        lines.append(if_("state->guard.missed > 0U", moved, "state->guard.missed = 0U;"))
     if any(plan.ranged(m) for m in lay.outputs):
         lines.append(f"status |= {limit_outputs_call(plan, '&now', 'used')};")
     lines += ["state->held = now;", "*out = now;", "return (int)status;"]

@@ -49,7 +49,7 @@ def functions(plan: Plan, hold: str) -> list[Node]:
     refused = f"return (int){big}_TIMING | (int){big}_REFUSED;"
     late = [f"status = (unsigned int){big}_TIMING;"]
     remembers = bool(plan.n_in) or bool(plan.counters)
-    late += ["missed(&state->guard, (double)(since - 1U));"] * remembers
+    late += ["missed(&state->guard, since - 1U);"] * remembers
     step = f"{n}_step(in, param, state, out)"
     lines: list[str | Node] = [
         "unsigned int status = 0U;",
@@ -62,17 +62,21 @@ def functions(plan: Plan, hold: str) -> list[Node]:
             if_("since != 1U", *late),
         ),
         "state->counter.last = tick;", "state->counter.begun = 1U;",
-        f"return (int)(status | (unsigned int){step});",
+        f"status |= (unsigned int){step};", "return (int)status;",
     ]  # fmt: skip
     made = [define(prototype(plan), lines)]
     if remembers:
         older = [
-            f"for (int k = 0; k < {plan.n_in}; ++k) {{ if (guard->age[k] >= 0.0) {{"
-            " guard->age[k] = floor(guard->age[k]) + ticks; } }",
-            "guard->fresh = 0.0;",
+            f"for (int k = 0; k < {plan.n_in}; ++k) {{ guard->back[k] = 0U;"
+            " if ((guard->age[k] >= 0) && (guard->age[k] < FORGOTTEN)) {"
+            " const unsigned int left = (unsigned int)FORGOTTEN - (unsigned int)guard->age[k];"
+            " guard->age[k] = (ticks < left) ? (guard->age[k] + (int)ticks) : FORGOTTEN; } }",
+            "guard->fresh = 0U;",
         ]
         body = [*older * bool(plan.n_in), *["guard->missed += ticks;"] * bool(plan.counters)]
         what = comment("So many ticks went by without a call: inputs are that much older.")
-        head = signature("static void", "missed", [f"struct {n}_guard *guard", "double ticks"])
+        head = signature(
+            "static void", "missed", [f"struct {n}_guard *guard", "unsigned int ticks"]
+        )
         made.insert(0, define(head, body, what))
     return made

@@ -98,6 +98,31 @@ def own_pointers(wires: Wires, outputs: Sequence[str], names: set[str]) -> list[
     return lines
 
 
+def switch_lines(block: Block, now: str, then: str, chosen: Mapping[str, Node]) -> list[Node]:
+    """Statements of a state machine: which state follows, by the present one.
+
+    Args:
+        block: the machine.
+        now, then: C of the present state, and the integer that is given the next one.
+        chosen: by the text of a condition, its C.
+    """
+    (kept,) = block.states.values()
+    word = {v: f"AT_{c_name(v).upper()}" for v in kept.values}
+    cases = list[str]()
+    for state in kept.values:
+        taken = [
+            f"if ({chosen[condition]}) {{ {then} = {word[to]}; }} else "
+            for here, to, condition in block.choices["transitions"] if here in (state, "*")
+        ]  # fmt: skip
+        stays = f"{{ {then} = {word[state]}; }}" if taken else f"{then} = {word[state]};"
+        last = "default:" * (state == kept.values[-1])
+        cases.append(f"case {word[state]}: {last} {''.join(taken)}{stays} break;")
+    return [
+        Node("declare", f"enum {{ {', '.join(word.values())} }}"),
+        *code(f"int {then}; switch ((int){now}) {{ {' '.join(cases)} }}"),
+    ]
+
+
 # ---- what a block is around ----------------------------------------------------------------------
 
 NO_END = 1e38

@@ -17,7 +17,7 @@ import casadi as ca
 from slipctl.block.text.intermediates import watch_calls
 from slipctl.ccode.module.origins import of_local, of_result
 
-MOST = 400
+MOST = 4000
 """Local variables that are looked at."""
 
 _NOT_OURS = (

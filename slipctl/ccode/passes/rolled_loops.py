@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from slipctl.ccode.passes.lanes import in_lanes
 from slipctl.ccode.passes.loop_fusion import fuse_loops
 from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.graph import stem
@@ -18,9 +19,9 @@ from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import expression
 from slipctl.ccode.tree.printer import lines_of
 
-LONGEST, LEAST, SAVED, MUCH = 40, 3, 2, 5
+LONGEST, LEAST, SAVED, MUCH, WORTH = 40, 3, 2, 5, 20
 """Lines of a block at most, blocks at least, lines that a loop must save where they are printed; of
-the fewest blocks it must save more."""
+the fewest blocks it must save more. Lines that sorting statements must save."""
 
 Path = tuple[int, ...]
 """Which part of which part of a statement."""
@@ -30,15 +31,42 @@ _NO_WORDS = {
 }
 
 
-def roll_lines(lines: Sequence[Node], taken: set[str]) -> list[Node]:
+def roll_lines(lines: Sequence[Node], taken: set[str], sort: bool = False) -> list[Node]:
     """Statements with loops where they repeat.
 
     Args:
         lines: statements; those that are no assignments are left alone.
         taken: names that the variable of a loop may not have.
+        sort: whether statements may be sorted by the elements that they are of, where this is
+            much shorter.
     """
     if "i" in taken:
         return list(lines)
+    made = _rolled(lines, taken)
+    if sort and (other := _sorted(lines, taken)):
+        other = _rolled(other, taken)
+        if len(lines_of(other, "    ")) + WORTH <= len(lines_of(made, "    ")):
+            return other
+    return made
+
+
+def _sorted(lines: Sequence[Node], taken: set[str]) -> list[Node]:
+    """Statements with a loop over each run of blocks that stand together once they are sorted."""
+    now, runs = in_lanes(lines)
+    moved = 0
+    for begin, period in runs:
+        run = _run(now, begin + moved, period)
+        if run.count < LEAST:
+            continue
+        made, later = run.written(now, taken)
+        end = run.start + period * run.count
+        now[run.start :] = [*made, *c.swap_all(now[end:], later)]
+        moved += len(made) - period * run.count
+    return now if runs else []
+
+
+def _rolled(lines: Sequence[Node], taken: set[str]) -> list[Node]:
+    """Statements with loops, in the order in which they are."""
     now, results = _with_locals(lines, taken)
     at = 0
     while at < len(now):
@@ -50,7 +78,7 @@ def roll_lines(lines: Sequence[Node], taken: set[str]) -> list[Node]:
         if best is None:
             at += 1
             continue
-        made, later = best.written(now)
+        made, later = best.written(now, taken)
         whole = now[at : at + best.period * best.count]
         wanted = 0 if _is_sum(whole[0]) else SAVED if best.count > LEAST else MUCH
         if len(lines_of(whole, "    ")) - len(lines_of(made, "    ")) < wanted:
@@ -88,13 +116,13 @@ def _hoisted(lines: Sequence[Node], at: int) -> tuple[list[Node], int]:
     It is what all blocks use and CasADi works out when the first one needs it.
     """
     here = list(lines[at : at + LONGEST])
-    if not _declared(lines[at]):
+    if not lines[at].constant:
         return list(lines), at
     shapes = Counter(_shape(line) for line in lines)
-    names = {n for line in here if (n := _declared(line))}
+    names = {n for line in here if (n := line.constant)}
     ahead = [
         line for line in here[1:]
-        if (own := _declared(line)) and shapes[_shape(line)] < LEAST
+        if (own := line.constant) and shapes[_shape(line)] < LEAST
         and not names & (line.words - {own})
     ]  # fmt: skip
     rest = [line for line in here if line not in ahead]
@@ -104,7 +132,7 @@ def _hoisted(lines: Sequence[Node], at: int) -> tuple[list[Node], int]:
 def _with_locals(lines: Sequence[Node], taken: set[str]) -> tuple[list[Node], dict[str, Node]]:
     """Statements in which a result that is worked out as several locals are is one first; which."""
     made, results = list(lines), dict[str, Node]()
-    shapes = Counter(_shape(c.value(line)) for line in lines if _declared(line))
+    shapes = Counter(_shape(c.value(line)) for line in lines if line.constant)
     words = {*taken, *c.words(lines)}
     for line in lines:
         to = c.target(line) if line.kind == "do" and not _is_sum(line) else None
@@ -113,7 +141,7 @@ def _with_locals(lines: Sequence[Node], taken: set[str]) -> tuple[list[Node], di
         if shapes[_shape(c.value(line))] < LEAST:
             continue
         name = f"{to.parts[0].head if to.kind == 'unary' else to.head[2:]}_now"
-        used = [k for k, x in enumerate(made) if (own := _declared(x)) and own in line.words]
+        used = [k for k, x in enumerate(made) if (own := x.constant) and own in line.words]
         if name in words or not used:
             continue
         made[made.index(line)] = c.assign(to, c.name(name))
@@ -126,7 +154,7 @@ def _without_locals(lines: Sequence[Node], results: Mapping[str, Node]) -> list[
     """Statements in which a local that is in no loop is the result that it is given to."""
     made = list(lines)
     for name, to in results.items():
-        own = next((x for x in made if x.head == "const double" and _declared(x) == name), None)
+        own = next((x for x in made if x.head == "const double" and x.constant == name), None)
         if own is not None:
             made.remove(own)
             made[made.index(c.assign(to, c.name(name)))] = c.assign(to, c.value(own))
@@ -165,10 +193,10 @@ class _Run:
     def names(self, lines: Sequence[Node], block: int) -> list[str]:
         """Local that each statement of a block declares, or ""."""
         begin = self.start + block * self.period
-        return [_declared(line) for line in lines[begin : begin + self.period]]
+        return [line.constant for line in lines[begin : begin + self.period]]
 
-    def written(self, lines: Sequence[Node]) -> tuple[list[Node], dict[str, Node]]:
-        """The loop, and what later statements have for its locals."""
+    def written(self, lines: Sequence[Node], taken: set[str]) -> tuple[list[Node], dict[str, Node]]:
+        """The loop, without new names that are taken, and what stands for its locals later."""
         words = c.words(lines[self.start + self.period * self.count :])
         names = [self.names(lines, b) for b in range(self.count)]
         last = self.count - 1
@@ -181,10 +209,15 @@ class _Run:
             if q not in arrays and q not in self.first and names[last][q] in words
         }  # fmt: skip
         kinds = [x.head.removeprefix("const ") for x in lines[self.start :][: self.period]]
-        local = [n and stem(n) for n in names[0]]
-        others = words | c.words(lines[: self.start])
+        rows = list(zip(*names, strict=True))
+        given = [  # the model may name one of the last block only
+            row[0] if q in self.first else next((n for n in row if not _is_letter(n)), row[0])
+            for q, row in enumerate(rows)
+        ]
+        local = [n and _of_all(n) for n in given]
+        others = words | c.words(lines[: self.start]) | taken
         local = [
-            n if n and local.count(n) == 1 and n not in others else names[0][q]
+            n if n and local.count(n) == 1 and (n in rows[q] or n not in others) else names[0][q]
             for q, n in enumerate(local)
         ]
         self.begin = self._begin(bool(arrays))
@@ -240,6 +273,16 @@ class _Run:
         return replace(n, parts=tuple(parts)) if n.parts else n
 
 
+def _is_letter(name: str) -> bool:
+    """Whether it is one that no model gives."""
+    return name[:1] == "a" and name[1:].isdecimal()
+
+
+def _of_all(name: str) -> str:
+    """Name of all elements by that of one: ``x`` of ``x_0``, ``x_next`` of ``x_0_next``."""
+    return f"{stem(name[:-5])}_next" if name.endswith("_next") else stem(name)
+
+
 def _counted(value: int, step: int, real: bool) -> Node:
     """A number that goes up with the loop."""
     if not real:
@@ -263,9 +306,9 @@ def _runs(lines: Sequence[Node], at: int) -> Iterator[_Run]:
 
 def _run(lines: Sequence[Node], at: int, period: int) -> _Run:
     run = _Run(at, period, second=lines[at + period : at + 2 * period])
-    names = [_declared(line) for line in lines[at : at + period]]
+    names = [line.constant for line in lines[at : at + period]]
     own = {n: q for q, n in enumerate(names) if n}
-    own2 = {n: q for q, line in enumerate(run.second) if (n := _declared(line))}
+    own2 = {n: q for q, line in enumerate(run.second) if (n := line.constant)}
     for q, (a, b) in enumerate(zip(lines[at:], run.second, strict=False)):
         aligned = _aligned(a, b, own)
         if aligned is None:
@@ -304,6 +347,8 @@ def _is_operand(n: Node) -> bool:
         return (
             n.parts[1].kind == "number" and n.parts[0].kind != "index" and _is_operand(n.parts[0])
         )
+    if n.kind == "unary":
+        return n.head == "-" and n.parts[0].kind == "number"
     return n.kind in ("name", "number") or (n.kind == "member" and n.parts[0].kind == "name")
 
 
@@ -370,10 +415,3 @@ def _fits(lines: Sequence[Node], run: _Run, names: Sequence[str], block: int) ->
 def _shape(line: Node) -> str:
     """A statement without names and numbers."""
     return line.text.translate(_NO_WORDS)
-
-
-def _declared(line: Node) -> str:
-    """Local that a statement declares with its value, or ""."""
-    to = c.target(line) if line.kind == "declare" and line.head in (
-        "const double", "const bool") else None  # fmt: skip
-    return to.head if to is not None and to.kind == "name" else ""

@@ -1,4 +1,4 @@
-"""Arrays of functions that need much room lie in the state, not on the stack.
+"""Where arrays lie: large ones of functions in the state, tables in a section of the linker.
 
 Each function has a struct of its own in it, so nothing overlaps: no function calls itself.
 """
@@ -125,3 +125,23 @@ def structs(arrays: Mapping[str, Arrays], name: str, real: str) -> list[str]:
         lines += ["};", ""]
     lines += [f"struct {name} {{", *(f"    struct {name}_{f} {f};" for f in arrays), "};", ""]
     return lines
+
+
+# ---- tables ------------------------------------------------------------------------------------
+
+
+def attribute(section: str) -> str:
+    """What compilers read behind a name."""
+    return f'__attribute__((section("{section}")))'
+
+
+def in_section(node: Node, section: str) -> Node:
+    """C with its tables in a section."""
+
+    def rule(n: Node) -> Node | None:
+        to = c.target(n) if n.kind == "declare" and n.head.startswith("static const ") else None
+        if to is None or to.kind != "index":
+            return None
+        return c.declare(n.head, c.name(f"{to} {attribute(section)}"), c.value(n))
+
+    return node.change(rule)

@@ -69,7 +69,7 @@ def a2l(plan: Plan) -> str:
         for m in members if struct != "param" else ():
             blocks.append(_measurement(plan, struct, m, offset, methods, kind, _within(struct)))
             offset += m.size * size(plan.real)
-    status = _status(plan, methods.setdefault("1", "CM_none"), kind)
+    status = _status(plan, methods.setdefault("1", "CM_none"))
     offset = sum(m.size for m in lay.states) * size(plan.real)
     for m in lay.derived:
         blocks.append(_measurement(plan, "state", m, offset, methods, kind, "derived."))
@@ -122,7 +122,7 @@ _METHODS = [
 """Conversions of numbers without a unit, and of the bits of the status."""
 
 
-def _status(plan: Plan, bare: str, kind: str) -> dict[str, str]:
+def _status(plan: Plan, bare: str) -> dict[str, str]:
     """Measurements of the status, of each of its bits, and of what the guards count, by name."""
     n, lay = plan.name, plan.layout
     most = sum(value for _, value, _ in statuses(plan))
@@ -140,23 +140,28 @@ def _status(plan: Plan, bare: str, kind: str) -> dict[str, str]:
         )
     before = [*lay.states, *lay.derived, *lay.params, *lay.outputs, *lay.inputs]
     ends = (lay.params, lay.outputs, lay.inputs)
-    at = sum(m.size for m in before) + sum(not members for members in ends)
+    at = (sum(m.size for m in before) + sum(not members for members in ends)) * size(plan.real)
     counts = [
-        ("age", plan.n_in, "ticks without a good value, less good ones since; -1: none yet", -1)
-    ]
-    counts += [("refused", 1, "ticks refused in a row since the last good one or reset", 0)]
-    counts += [("missed", 1, "ticks refused since the last good one", 0)] * bool(plan.counters)
-    for member, many, what, least in counts:
+        ("age", plan.n_in, "ticks without a good value, less good ones since; -1: none yet",
+         "SLONG", -1, int(guard.MANY)),
+        ("back", plan.n_in, "1: good in the last tick, but away before", "ULONG", 0, 1),
+        ("fresh", min(plan.n_in, 1), "1 if all were good in the last tick, and are sure", "ULONG",
+         0, 1),
+        ("refused", 1, "ticks refused in a row since the last good one or reset", "ULONG", 0,
+         guard.PATIENCE * (len(plan.parts) + 2)),
+        ("missed", int(bool(plan.counters)), "ticks refused since the last good one", "ULONG", 0,
+         2**32 - 1),
+    ]  # fmt: skip
+    for member, many, what, kind, least, most in counts:
         if many:
             name = f"{n}_state.guard.{member}"
             dims = _matrix((many,)) if many > 1 else ""
             found[name] = (
                 f"/begin MEASUREMENT {name} {_quoted(what)}\n"
-                f"  {kind} {bare} 0 0 {least} {guard.MANY:.0f}\n"
-                f"  ECU_ADDRESS 0x{at * size(plan.real):X}{dims}"
-                f"{_link(plan, 'state', at * size(plan.real))}\n/end MEASUREMENT"
+                f"  {kind} {bare} 0 0 {least} {most}\n"
+                f"  ECU_ADDRESS 0x{at:X}{dims}{_link(plan, 'state', at)}\n/end MEASUREMENT"
             )
-        at += many + (many > 0 and member == "age")  # fresh lies between
+        at += 4 * many
     return found
 
 

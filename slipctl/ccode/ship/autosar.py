@@ -55,6 +55,9 @@ def _source(plan: Plan) -> str:
 {memcpy}static {n}_param param;
 static {n}_state state;
 
+void {swc}_init(void);
+void {swc}_step(void);
+
 void {swc}_init(void)
 {{
     {n}_default(&param);

@@ -9,7 +9,7 @@ from slipctl.ccode.module.comments import comment
 from slipctl.ccode.module.header import head
 from slipctl.ccode.module.layout import Member, c_elements
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.passes.sections import attribute
+from slipctl.ccode.passes.scratch import attribute
 from slipctl.errors import BadInput
 
 _NAME = re.compile(r"[\w.$,\- ]{1,60}")

@@ -15,6 +15,10 @@ from slipctl.ccode.module.plan import Plan
 FILES = ("xcp.h", "xcp.c")
 
 
+_INSTANCES = ("param", "in", "state", "out", "status")
+"""What the tool sees, in this order; it writes parameters and inputs."""
+
+
 def texts(plan: Plan) -> dict[str, str]:
     """Text of each file by name."""
     folder = Path(__file__).with_name("templates")
@@ -29,9 +33,15 @@ def _board(plan: Plan) -> str:
         for m in plan.layout.inputs for k, v in enumerate(start_elements(m))
     )  # fmt: skip
     regions = "\n".join(
-        f"        region(&{n}_{s}_instance, (uint32_t)sizeof({n}_{s}_instance), {writable}),"
-        for s, writable in (("param", "true"), ("in", "true"), ("state", "false"), ("out", "false"))
+        f"    regions[{k}] = region((unsigned char *)&{n}_{s}_instance,\n"
+        f"                        (uint32_t)sizeof({n}_{s}_instance), {written});"
+        for k, s in enumerate(_INSTANCES)
+        for written in ["true" if s in ("param", "in") else "false"]
     )
+    defined = "\n".join(
+        f"{'int' if s == 'status' else f'{n}_{s}'} {n}_{s}_instance;" for s in _INSTANCES
+    )
+    declared = "\n".join(f"extern {line}" for line in defined.splitlines())
     return f"""{head(plan, "xcp_board.c")}
 
 /* A step after each command of the tool, with the inputs that it has written. */
@@ -40,21 +50,13 @@ def _board(plan: Plan) -> str:
 #include "{n}.h"
 #include "xcp.h"
 
-extern {n}_in {n}_in_instance;
-extern {n}_param {n}_param_instance;
-extern {n}_state {n}_state_instance;
-extern {n}_out {n}_out_instance;
-extern int {n}_status_instance;
+{declared}
 
-{n}_in {n}_in_instance;
-{n}_param {n}_param_instance;
-{n}_state {n}_state_instance;
-{n}_out {n}_out_instance;
-int {n}_status_instance;
+{defined}
 
 int main(void);
 
-static xcp_region region(void *at, uint32_t size, bool writable)
+static xcp_region region(unsigned char *at, uint32_t size, bool writable)
 {{
     const xcp_region found = {{(uint32_t)(uintptr_t)at, at, size, writable}};
     return found;
@@ -71,15 +73,13 @@ static unsigned char next_byte(void)
 
 int main(void)
 {{
-    const xcp_region regions[] = {{
-{regions}
-        region(&{n}_status_instance, (uint32_t)sizeof({n}_status_instance), false),
-    }};
-    xcp slave = {{regions, (unsigned int)(sizeof(regions) / sizeof(regions[0])), false, false, 0U}};
+    xcp_region regions[{len(_INSTANCES)}];
+    xcp slave = {{regions, {len(_INSTANCES)}U, false, false, 0U}};
     unsigned char command[256];
     unsigned char answer[XCP_LONGEST];
     unsigned char counter = 0U;
 
+{regions}
     serial_start();
     {n}_default(&{n}_param_instance);
     {n}_status_instance = {n}_init(&{n}_param_instance, &{n}_state_instance);

@@ -17,7 +17,6 @@ from typing import Any
 import casadi as ca
 
 from slipctl.ccode.module.comments import comment
-from slipctl.ccode.passes.direct_results import direct
 from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import Unsupported, Writer, constant
 from slipctl.ccode.tree.helpers import HELPERS
@@ -141,7 +140,7 @@ def static_c(functions: Sequence[ca.Function], docs: Mapping[str, str], where: s
     for name, told in signatures.items():
         label = told.partition(":")[0]
         n = defined[name]
-        body = _own_body(writers[name]) if name in writers else _clean(direct(n.parts[1]))
+        body = _own_body(writers[name]) if name in writers else _clean(n.parts[1])
         said = comment(f"{told}: {docs[label]}") if docs.get(label) else f"/* {told} */"
         defined[name] = c.function(n.head, name, n.parts[0].parts, _quiet(n.parts[0], body), said)
     wrappers = [_wrapped(whole, f) for f in functions]

@@ -44,6 +44,14 @@ class Node:
         own = {self.head.removeprefix("->").removeprefix(".")} if self.kind in _NAMED else set()
         return frozenset(own.union(*(p.words for p in self.parts)))
 
+    @cached_property
+    def constant(self) -> str:
+        """Constant that a statement declares with its value, or ""."""
+        if self.kind != "declare" or self.head not in ("const double", "const bool"):
+            return ""
+        to = target(self)
+        return to.head if to is not None and to.kind == "name" else ""
+
     def walk(self) -> Iterator[Node]:
         """Itself and all nodes in it."""
         yield self

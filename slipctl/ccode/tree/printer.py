@@ -97,7 +97,7 @@ def _statement(s: Node, indent: str) -> list[str]:
         inner = lines_of(s.parts[1].parts, indent + STEP)
         return [f"{indent}do {{", *inner, f"{indent}}} while ({s.parts[0]});"]
     if s.kind == "case":
-        return [f"{indent}case {s.parts[0]}:" if s.parts else f"{indent}default:"]
+        return [f"{indent[4:]}case {s.parts[0]}:" if s.parts else f"{indent[4:]}default:"]
     return s.head.split("\n") if s.head else [""] * (s.kind == "blank")
 
 

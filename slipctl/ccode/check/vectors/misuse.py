@@ -302,7 +302,7 @@ static int jumping(const {n}_in *good, const {n}_state *kept)
         int status = {big}_OK;
         double jump;
         copied(&state, kept, sizeof(state));
-        for (j = 0; (j < TAKEN) && !((double)state.guard.fresh > 0.0); ++j) {{
+        for (j = 0; (j < TAKEN) && (state.guard.fresh == 0U); ++j) {{
             wrong += stepped(good, &state, &status) ? 0 : 1;
         }}
         copied(raw, good, sizeof(in));
@@ -354,16 +354,18 @@ static int miscounted(const {n}_in *in, const {n}_state *kept)
 """
 
 _LATE = """            if (!timely[k]) {{ /* as if the ticks between had gone by without inputs */
-                const real since = (real)(tick[k] - tick[k - 1] - 1U);
+                const unsigned int since = tick[k] - tick[k - 1] - 1U;
 {older}{slow}            }}
 """
 
 _OLDER = """                int j;
                 for (j = 0; j < N_IN; ++j) {{
-                    const double age = floor((double)plain.guard.age[j]);
-                    plain.guard.age[j] = (age < 0.0) ? plain.guard.age[j] : ((real)age + since);
+                    const unsigned int left = {memory}U - (unsigned int)plain.guard.age[j];
+                    const int older = (since < left) ? (plain.guard.age[j] + (int)since) : {memory};
+                    plain.guard.age[j] = (plain.guard.age[j] < 0) ? -1 : older;
+                    plain.guard.back[j] = 0U;
                 }}
-                plain.guard.fresh = (real)0.0;
+                plain.guard.fresh = 0U;
 """
 
 _FITTED = """        if ((status & {big}_OFF_RANGE) != 0) {{ /* on from what fits the others */
@@ -418,7 +420,7 @@ def misuse(plan: Plan) -> str:
 
 def _missed(plan: Plan) -> str:
     """What a late call finds: older inputs, and slow parts that are behind."""
-    older = _OLDER.format() * bool(plan.n_in)
+    older = _OLDER.format(memory=int(guard.memory(plan.period, plan.stale))) * bool(plan.n_in)
     slow = "                plain.guard.missed += since;\n" * bool(plan.counters)
     return _LATE.format(older=older, slow=slow) if older or slow else ""
 
