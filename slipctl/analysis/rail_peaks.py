@@ -34,7 +34,7 @@ class Peaks:
         self.shares = SHARES if set(LAYER) <= set(law.inputs) else SHARES[-1:]
         s, v, share = (ca.SX.sym(name) for name in ("s", "v", "share"))
         u = {"v_s": -s, "v": v, "height": 1.0, "recovered": share}
-        given = {n: u[n] if n in u else k.value for n, k in law.inputs.items()}
+        given = {n: u.get(n, k.value) for n, k in law.inputs.items()}
         mu = law.expr({}, given, law.param_values(**numbers))[1]["mu"]
         curve = ca.Function("curve", [s, v, share], [-mu])
         slips = np.geomspace(1e-3, 1.0, 400)[:, None] * self.speeds  # slip by speed

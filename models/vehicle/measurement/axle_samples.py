@@ -47,7 +47,7 @@ AGAIN = 60.0
 """Seconds for which an axle that ran up is not asked again: on leaves leading axles slide alone."""
 
 SPEAKS = 1.0
-"""Seconds for which an axle that was let go and ran up speaks for a vehicle's speed like its own."""
+"""Seconds for which an axle that was let go and ran up speaks for a speed like its own."""
 
 
 def all_hold(conditions: Sequence[Any]) -> Any:

@@ -47,5 +47,5 @@ class Torsion(Part):
         elif self.rotor is not None and self.rotor >= inertias[0]:
             yield (
                 "torsion.rotor",
-                f"is {self.rotor:g} kg m^2, the wheelset with it {inertias[0]:g} kg m^2; write less",
+                f"is {self.rotor:g} kg m^2, the wheelset with it {inertias[0]:g} kg m^2",
             )
