@@ -146,7 +146,7 @@ def turns(axles: int) -> Block:
         due = logic_and(slides, clock + time >= every_)
         time_left = if_else(slides, if_else(left > 0, fmax(left - T, 0), if_else(due, time, 0)), 0)
         ends = logic_and(left > 0, time_left <= 0)
-        following = if_else(axle <= 0, axles - 1, axle - 1)
+        following = if_else(axle <= 0, axles - 1, fmax(axle - 1, 0))
         nxt = dict(
             clock=if_else(slides, if_else(time_left > 0, 0, fmin(clock + T, 1e3)), 0),
             left=time_left, axle=if_else(ends, following, axle),
