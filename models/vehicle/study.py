@@ -62,7 +62,9 @@ def signals_of_trip(trip: Trip) -> Signals:
     """Which signals of its logs play which role."""
     more = {}
     if isinstance(trip.actuator, Air):
-        more = {"air_used": "plant.air.used", "valve_changes": "plant.act.switched"}
+        more = {"air_used": "plant.air.used", "valve_changes": "plant.act.switched",
+                "pressure": "plant.act.pressure", "holding": "plant.act.valves.hold",
+                "venting": "plant.act.valves.vent"}  # fmt: skip
         if trip.actuator.reservoir is not None:
             more["air_left"] = "plant.air.left"
     return replace(SIGNALS, mirrored=trip.vehicle.mode == "drive", **more)

@@ -41,6 +41,8 @@ class Signals:
         air_used: free air in m^3 that the cylinders have taken so far.
         air_left: gauge pressure of their reservoir in Pa.
         valve_changes: changes of the valves of each axle so far.
+        pressure: of each brake cylinder, in Pa.
+        holding, venting: bits of its two valves, each 1 while energised.
         mark: place that the vehicle may not pass, in m.
         mirrored: whether the slip is that of driven wheels seen as braked ones.
     """
@@ -67,6 +69,9 @@ class Signals:
     air_used: Names = None
     air_left: Names = None
     valve_changes: Names = None
+    pressure: Names = None
+    holding: Names = None
+    venting: Names = None
     mark: Names = None
     mirrored: bool = False
 

@@ -158,7 +158,7 @@ class Answers:
                 elif now >= next_one:
                     seen = measured.seen(so_far())
                     yield frame({**who, "share": share, "compiled": compiled},
-                                curves_of_run(seen), 400)  # fmt: skip
+                                curves_of_run(seen, rig.case.known), 400)  # fmt: skip
                     after = time.perf_counter()
                     next_one = after + max(EVERY, DEAR * (after - now))
                 else:
@@ -166,7 +166,7 @@ class Answers:
         seen = measured.seen(rolled)
         spent = time.perf_counter() - begun
         yield frame({**who, "share": 1.0, "compiled": compiled, "seconds": spent},
-                    curves_of_run(seen))  # fmt: skip
+                    curves_of_run(seen, rig.case.known))  # fmt: skip
         yield {"end": True, "metrics": metric_rows(measured.metrics(rolled), rig.study.limits),
                "command": command_of(self.desk, numbers, rig.sliders)}  # fmt: skip
 
@@ -179,6 +179,16 @@ class Answers:
         for _, so_far in pieces:  # noqa: B007  the last one is the whole run
             yield b""
         yield {"end": True, "warnings": warnings_of_rig(rig, so_far())}
+
+    def signals(self, request: Request) -> Iterator[Head]:
+        """Every signal of the loop at a time of the run."""
+        from slipctl.workbench.signals import signals_at
+
+        rig, at = self._rig(request), request.get("time")
+        if not isinstance(at, int | float) or isinstance(at, bool):
+            raise BadInput("signals are asked for at a time in s")
+        found = signals_at(rig, self._moved(request, rig), float(at))
+        yield {"end": True, "time": at, "signals": found}
 
     def law(self, request: Request) -> Iterator[Head]:
         """The adhesion law of what is open, or one that was typed: equations and curve."""

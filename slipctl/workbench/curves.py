@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from slipctl.run.metrics import Run
+    from slipctl.run.results import Known
 
 COLUMNS = 1500
 """Stretches of time of which the smallest and the largest value are kept: a screen has no more."""
@@ -50,22 +51,28 @@ class Curves:
 
     Attributes:
         time: in s. panels: over it. rails: time at which each stretch of the rail begins under
-            the first axle, and its name.
+            the first axle, and its name. behind: how far each axle is behind the first one, in m.
     """
 
     time: np.ndarray
     panels: list[Panel]
     rails: list[tuple[float, str]]
+    behind: Sequence[float] = ()
 
 
-def curves_of_run(run: Run) -> Curves:
-    """Speeds of vehicle and rims, slip, torque, adhesion and way of a run, every axle.
+def curves_of_run(run: Run, known: Mapping[str, Known] | None = None) -> Curves:
+    """Speeds of vehicle and rims, slip, torque, adhesion, air and way of a run, every axle.
 
     What the run does not have, it leaves out.
+
+    Args:
+        run: that has rolled. known: what its study knows of the rail beside it, by name.
     """
-    panels = [p for p in (_speeds(run), *_pairs(run), _way(run)) if p is not None and p.series]
+    behind = next((k.behind for k in (known or {}).values() if k.behind), ())
+    made = (_speeds(run), *_pairs(run), _valves(run), _way(run))
+    panels = [p for p in made if p is not None and p.series]
     starts = [float(run.time[0]) if len(run.time) else 0.0, *run.changes]
-    return Curves(run.time, panels, list(zip(starts, run.rows, strict=False)))
+    return Curves(run.time, panels, list(zip(starts, run.rows, strict=False)), behind)
 
 
 def _columns(values: np.ndarray, scale: float, name: str, looks: str) -> Iterator[Series]:
@@ -99,12 +106,13 @@ def _pairs(run: Run) -> Iterator[Panel]:
         ("slip", (("slip", "slip", "main"), ("best_slip", "best", "best"),
                   ("reference", "wanted", "wanted"))),
         ("torque", (("torque", "at the wheel", "main"),)),
+        ("pressure", (("pressure", "in the cylinder", "main"),)),
         ("adhesion", (("adhesion", "used", "main"), ("best_adhesion", "best", "best"))),
     ):  # fmt: skip
         first = rows[0][0]
         if run.each(first) is None:
             continue
-        scale, unit = display_scale(run.unit(first))
+        scale, unit = (1e-5, "bar") if name == "pressure" else display_scale(run.unit(first))
         panel = Panel(name, unit)
         for role, what, looks in rows:
             values = run.each(role)
@@ -117,6 +125,15 @@ def _pairs(run: Run) -> Iterator[Panel]:
                     for s in made
                 )
         yield panel
+
+
+def _valves(run: Run) -> Panel | None:
+    """What the two valves of each cylinder do: 1 fill, 0 hold, -1 vent."""
+    hold, vent = run.each("holding"), run.each("venting")
+    if hold is None or vent is None:
+        return None
+    does = np.where(vent > 0.5, -1.0, np.where(hold > 0.5, 0.0, 1.0))
+    return Panel("valves, 1 fill, 0 hold, -1 vent", "1", list(_columns(does, 1.0, "valve", "main")))
 
 
 def _side(role: str, values: np.ndarray) -> int:
@@ -163,7 +180,7 @@ def frame(head: dict[str, Any], curves: Curves | None = None, stretches: int = C
         columns = thin_columns([curves.time, *(s.values for s in every)], stretches)
         head = head | {
             "rows": len(columns[0]),
-            "rails": [[t, n] for t, n in curves.rails],
+            "rails": [[t, n] for t, n in curves.rails], "behind": list(curves.behind),
             "panels": [
                 {"name": p.name, "unit": p.unit,
                  "series": [{"name": s.name, "axle": s.axle, "looks": s.looks} for s in p.series]}

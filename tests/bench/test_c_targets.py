@@ -45,6 +45,7 @@ def done(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return names
 
 
+@pytest.mark.long
 @needs_arm
 def test_what_passed_for_the_same_text_and_inputs_is_not_done_again(
     one: Controller, done: list[str]

@@ -36,6 +36,7 @@ def eppfc():
     return loop, case.scenario
 
 
+@pytest.mark.long
 def test_a_wheel_speed_that_cannot_be_does_no_harm(eppfc, tmp_path):
     """One tick and ten: told in each of them, forgotten after 100 ms, the wheel does not lock."""
     found = ws.faults(
@@ -252,6 +253,7 @@ def test_a_law_that_restarts_for_ever_walks_in_a_cycle(tmp_path):
     assert ws._counting(np.column_stack([rest, -counts, np.sin(counts)]), 500) == 0
 
 
+@pytest.mark.long
 def test_the_printed_search_forgets_nothing():
     """(40) adds steps by the sign of a slope that hears nothing of it: all of a shift is left."""
     assert kept("hst_braking:search_printed")["search.best_h"] == pytest.approx(1, rel=1e-9)
@@ -269,6 +271,7 @@ def test_a_target_that_no_train_follows_does_no_harm(tmp_path):
     assert [f.passed for f in found] == [True] * 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["all_rails:pid", "all_rails:sta", "all_rails:hosm"])
 def test_a_best_slip_of_the_wrong_sign_is_seen(name, tmp_path):
     """No search looks there; the range was -20 to 20 m/s."""
@@ -282,6 +285,7 @@ def test_a_best_slip_of_the_wrong_sign_is_seen(name, tmp_path):
     assert all(f.forgotten for f in found)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["pid", "nmpc", "nmpc_told_dry"])
 def test_missing_samples_do_no_harm_to_predictive_control(name, tmp_path):
     """What is left of its conditions of optimality is rounding, and judged by what it may be."""
@@ -483,6 +487,7 @@ def test_a_hundred_wrong_ticks_do_no_harm(name, tmp_path):
     assert all(f.forgotten for f in found)
 
 
+@pytest.mark.long
 def test_a_rim_that_stands_under_its_train_is_told(tmp_path):
     """By its own change it was believed after five ticks, and the plan went to the end."""
     _, loop, part, scenario = next(faults.controllers(["predictive:nmpc"]))

@@ -20,7 +20,7 @@ def loop(**options):
     return connect("loop", wires | {"plant.u": "ctl.u"}, **parts)
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_a_tick_of_more_passes_takes_longer_and_the_log_stays():
     block = loop(rates={"u": 20.0})
     log = simulate(block, SCENARIO)

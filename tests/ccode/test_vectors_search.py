@@ -55,6 +55,7 @@ def found(seconds: int, seed: int = 1) -> tuple[Plan, np.ndarray, dict]:
     return plan, *search.find_vectors(plan, codegen.texts(plan), run.rows, {}, seconds, seed)
 
 
+@pytest.mark.long
 def test_it_opens_a_lock_that_the_own_test_does_not(tmp_path: Path) -> None:
     """Ways are found that wandering inputs do not take; Python and C agree on them."""
     before = codegen.export(lock, tmp_path / "before", check=True).data

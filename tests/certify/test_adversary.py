@@ -30,17 +30,17 @@ def test_no_tick_of_a_person_is_certified_falsely():
 
 
 def test_no_state_machine_is_certified_falsely():
-    """40 random machines behind a plant; 10 000 by ``adversary/run.py cells``."""
-    found = switched_ticks.trial(40, seed=0)
+    """20 random machines behind a plant; 10 000 by ``adversary/run.py cells``."""
+    found = switched_ticks.trial(20, seed=0)
     assert not found.false_certified
     assert not found.false_refuted
-    assert min(found.certified, found.refuted) > 8
+    assert min(found.certified, found.refuted) > 3
 
 
 @pytest.mark.parametrize("trial", [smooth_loops.trial, smooth_loops.trial_of_tubes])
 def test_no_sum_and_no_tube_is_false_and_less_is_never_harder(trial):
-    """15 random loops each; 10 000 by ``adversary/run.py sums tube``."""
-    found = trial(15, seed=0)
+    """8 random loops each; 10 000 by ``adversary/run.py sums tube``."""
+    found = trial(8, seed=0)
     assert not found.false_certified
     assert not found.false_refuted
-    assert min(found.certified, found.refuted) > 1
+    assert min(found.certified, found.refuted) > 0

@@ -44,7 +44,7 @@ def largest(a, x0, W):
     return max(x0, W / (1 - abs(a))) if abs(a) < 1 else np.inf if x0 or W else 0.0
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_a_line_is_decided_but_for_the_width_of_a_cell():
     """No verdict against the closed form, and one for each band 5 % from it."""
     rng = np.random.default_rng(1)

@@ -32,7 +32,7 @@ def test_of_a_linear_loop_a_tube_is_exact_also_of_one_that_grows():
         assert tube(pi(delay), n, ticks) <= far * (1 + 1e-6)
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_random_loops_on_a_bent_curve_rise_little_more_than_was_found():
     """2 s from a start set; ratio 1.35 at most, never below what a run does."""
     rng, ratios = np.random.default_rng(9), []

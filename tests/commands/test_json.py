@@ -91,7 +91,7 @@ def test_replay_prints_statistics(capsys, tmp_path):
     assert said["statistics"][0]["rms"] == "0"
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_tune_prints_gains_and_judgement(capsys, tmp_path):
     said = answer(capsys, "tune", "subway_braking:sta@base", "--free", "k1=5:60", "--minimise",
                   "slip_error_rms", "--samples", "4", "--runs", "4", "--held-out", "4",

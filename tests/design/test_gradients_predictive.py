@@ -85,6 +85,7 @@ def test_every_slope_is_that_of_differences(options: dict[str, Any]) -> None:
         assert min(abs(found[k] - d) for d in near) < 1e-5 * abs(found[k]), name
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("needs_compiler")
 def test_a_sweep_that_is_compiled_gives_the_slopes_of_one_that_is_not() -> None:
     assert build.compiler() is not None

@@ -113,7 +113,7 @@ def test_an_altered_statement_does_not_hold() -> None:
             statement.check(other)
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_draws_run_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -51,7 +51,12 @@ def run_page(page: Path, folder: Path, python: str = sys.executable) -> None:
     assert done.returncode == 0, done.stderr
 
 
-LONG = ("certify.md", "own_proof.md", "start.md", "theory.md", "tune.md")  # ten seconds and more
+LONG = (
+    "certify.md", "laws.md", "leaf_fall.md", "nmpc.md", "own_controller.md", "own_proof.md",
+    "own_slide_protection.md", "replay.md", "start.md", "sweeps.md", "theory.md", "trials.md",
+    "tune.md",
+)  # fmt: skip
+"""Pages whose code takes five seconds and more."""
 
 
 @pytest.mark.second

@@ -153,6 +153,8 @@ def test_zoom_and_cursor_are_shared_in_a_browser(tmp_path):
     file.write_text(page(ACT), encoding="utf-8")
     command = [
         str(BROWSER), "--headless=new", "--no-sandbox", "--disable-gpu", "--window-size=900,900",
+        "--no-first-run", "--disable-background-networking", "--disable-component-update",
+        "--disable-sync", "--disable-dev-shm-usage",
         f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=2000", "--dump-dom",
         file.as_uri(),
     ]  # fmt: skip

@@ -286,7 +286,7 @@ def test_in_the_loop_from_speed_and_adhesion_only(method):
     assert float(log["res.F_Z"][-1]) == pytest.approx(last, rel=0.01)
 
 
-@pytest.mark.second
+@pytest.mark.long
 @pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
 def test_c_of_the_identification(tmp_path):
     """`slipctl c ... --check --real float`: sums, solution and swarm; double: the benchmark."""

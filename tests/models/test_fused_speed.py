@@ -158,8 +158,9 @@ def test_a_slip_that_is_held_on_all_axles_stops_as_with_the_true_speed():
 
 @pytest.mark.second
 @pytest.mark.parametrize(("kind", "speed"), [
-    ("frozen", Exact()), ("missing", Fused()), ("jumps", Fused()), ("frozen", LargestWheel()),
-    ("missing", WheelsOnly()),
+    ("frozen", Exact()), ("missing", Fused()),
+    *(pytest.param(*pair, marks=pytest.mark.long) for pair in (
+        ("jumps", Fused()), ("frozen", LargestWheel()), ("missing", WheelsOnly()))),
 ], ids=lambda s: getattr(s, "kind", s))  # fmt: skip
 def test_one_wheel_sensor_that_fails_costs_no_tenth_on_dry_rail_behind_valves(kind, speed):
     """336.6 m with none; the worst is 345.0 m."""

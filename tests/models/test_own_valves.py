@@ -115,7 +115,7 @@ def test_bits_of_python_and_of_text_are_the_same_and_keep_wheels_from_locking(fi
     assert wide["slip.y"].values.max() > python["slip.y"].values.max()
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_a_block_that_breaks_gives_the_demand(files):
     """A state beyond its range, or no number: as if there were no slide protection."""
     broken, alone = run(OwnLaw(block=f"{files}/mine.py:breaks")), run(DemandAlone())

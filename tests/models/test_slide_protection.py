@@ -104,7 +104,7 @@ def test_a_stop_on_a_poor_rail_lies_between_its_peak_and_the_locked_wheel():
     assert used == pytest.approx(let * made.actuator.volume / ATMOSPHERE, rel=0.05)
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_half_of_the_period_stops_at_the_same_place():
     ways = [float(run(poor(control=SlipControl(period=T)))["plant.train.x"].values[-1])
             for T in (0.01, 0.005)]  # fmt: skip
@@ -173,7 +173,7 @@ def test_the_watchdog_counts_releases_gives_the_demand_and_tries_again():
     assert not given(1, 3e3, stands=1.0)[52:100].any()
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_a_wheel_that_reads_too_fast_costs_no_distance_on_dry_rail():
     """Its ratio is learnt with a jump, which is no slide that the axle is let go for."""
     whole = float(run(dry())["plant.train.x"].values[-1])

@@ -53,7 +53,7 @@ def test_an_axle_that_slip_control_holds_says_nothing_of_the_speed(held, weight)
     assert float(block.unpack("output", y)["weight"]) == 1.0
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_a_small_slip_on_all_axles_does_not_pull_the_estimated_speed_down():
     """Each axle at its own peak, 2 % of the speed: the estimate would follow the rims."""
     from slipctl.studies.leaf_fall.trains import RIVALS, trip

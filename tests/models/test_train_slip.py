@@ -181,7 +181,7 @@ def test_few_axles_never_stop_much_later_than_at_their_own_peaks(axles, floor):
             assert way(train(axles, rail=rail, controllers=law(tau=factor * tau))) < 1.02 * own
 
 
-@pytest.mark.second
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["sta", "eppfc"])
 def test_every_slip_law_takes_it_and_leading_axles_go_further(kind):
     made = train(4, 1.8e-4, controllers={"x": SlipLaw(kind=kind, reference=TrainSlip())})

@@ -166,7 +166,7 @@ def test_a_branch_of_the_axle_behind_a_rate_is_ipopts():
     assert bolder > 0.05
 
 
-@pytest.mark.second
+@pytest.mark.long
 @pytest.mark.usefixtures("needs_compiler")
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_generated_c_branches_behind_a_rate(real, tmp_path):

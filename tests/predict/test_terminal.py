@@ -295,7 +295,7 @@ def test_a_preview_that_is_too_short_is_told():
         block(x=0.0, v=0.0, w=np.zeros(5))
 
 
-@pytest.mark.second
+@pytest.mark.long
 @pytest.mark.usefixtures("needs_compiler")
 def test_generated_c_takes_arrays_ahead(tmp_path):
     """A preview and the regulator's cost to go in C: what Python gives."""

@@ -322,7 +322,7 @@ def test_peers_in_c_give_the_same_bits(needs_compiler):
         assert found.tobytes() == y.tobytes()
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_benchmark_compares_equals(needs_compiler):
     found = bench_de(rounds=1)
     assert found["same_bits"]

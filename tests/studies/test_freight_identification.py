@@ -170,6 +170,7 @@ def test_tables_of_the_study():
     assert told.where("identified", **{"from": 5, "to": 8}) is False
 
 
+@pytest.mark.long
 @pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
 def test_benchmark_compares_equals():
     """Generated C, from samples to coefficients, finds what numpy finds; it says how fast."""

@@ -62,6 +62,7 @@ def test_without_leaves_the_bound_is_the_closed_form():
     assert begin.place + found.distance == pytest.approx(run, rel=1e-3)
 
 
+@pytest.mark.long
 def test_the_best_of_the_train_is_the_shortest_and_leads_with_its_first_axles(bound):
     t = bound["distances"]
     for cleaning in ("weak", "medium"):
@@ -75,6 +76,7 @@ def test_the_best_of_the_train_is_the_shortest_and_leads_with_its_first_axles(bo
     assert slips.count(slips[0]) > 3  # the better it cleans, the more of them lead
 
 
+@pytest.mark.long
 def test_cleaning_more_never_takes_longer(bound):
     t = bound["distances"]
     for rule in RULES:

@@ -145,6 +145,12 @@ class Browser:
         """Type text where the cursor is."""
         self.page("Input.insertText", text=text)
 
+    def press(self, key: str, code: int, **more: Any) -> None:
+        """Press a key that is no letter, such as ``Tab``, 9."""
+        for kind in ("rawKeyDown", "keyUp"):
+            self.page("Input.dispatchKeyEvent", type=kind, key=key, code=key,
+                      windowsVirtualKeyCode=code, **more)  # fmt: skip
+
     def picture(self, path: Path) -> Path:
         """Take a picture of the page."""
         data = self.page("Page.captureScreenshot", format="png")["data"]

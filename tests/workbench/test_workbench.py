@@ -384,6 +384,26 @@ def test_the_command_repeats_what_is_shown(metro):
     assert said == ("slipctl run metro.toml --loop super_twisting --set 'm=40000.0 kg'")
 
 
+def test_signals_of_a_time_are_those_of_the_run_in_that_tick(metro):
+    """Noise of the sensors too, with a moved number; beyond the run it is refused in words."""
+    rig = metro.rig()
+    moved = {"m": 40e3}
+    log = simulate(
+        rig.loop.with_params(**moved), rig.case.scenario.but(duration=1.0), compile=False
+    )
+    row = int(np.searchsorted(log["time"].values, 0.4995))
+    head = answered(Answers(metro), kind="signals", numbers=moved, time=0.4995)[-1][0]
+    found = {r["name"]: r for r in head["signals"]}
+    for name, scale in (("plant.train.v_s", 1.0), ("plant.act.T_b", 1e-3), ("speed.n", 1.0)):
+        assert found[name]["values"] == pytest.approx(
+            np.atleast_1d(scale * log[name].values[row - 1])
+        )
+    assert found["plant.act.T_b"]["unit"] == "kN m"
+    assert {s for s in log if s != "time"} == set(found)
+    for time in (-1.0, 1e6, "soon", None):
+        assert answered(Answers(metro), kind="signals", time=time)[-1][0]["faults"]
+
+
 # ---- questions ----------------------------------------------------------------------------------
 
 

@@ -169,14 +169,35 @@ def test_the_law_and_the_blocks_are_shown(study, pictures):
     study.click("[data-tab=sliders]")
 
 
-def test_state_survives_a_reload(study):
+def test_a_click_on_a_time_shows_all_signals(study, pictures):
+    x, y = study.run(
+        "(() => { const b = document.querySelector('#plots .u-over').getBoundingClientRect();"
+        " return [b.x + 0.5 * b.width, b.y + 0.5 * b.height]; })()"
+    )
+    for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+        study.mouse(kind, x, y)
+    study.wait("document.querySelectorAll('#signals-list tr').length > 20", 60)
+    study.run("document.getElementById('signals-find').value = 'v_s'")
+    study.run("document.getElementById('signals-find').dispatchEvent(new Event('input'))")
+    shown = "[...document.querySelectorAll('#signals-list th')].map(h => h.textContent)"
+    assert study.run(f"{shown}.length > 0 && {shown}.every(n => n.length > 2)")
+    study.picture(pictures / "signals.png")
+    study.click("[data-tab=sliders]")
+
+
+def test_state_and_pins_survive_a_reload(study):
+    study.click("#pin")
     after(study, lambda: slide(study, "m", 250))
     before = study.run("document.querySelectorAll('.slider.moved').length")
     assert before
+    pinned = "[...document.querySelectorAll('#metrics tbody tr')].map(r => r.cells[3].textContent)"
+    metrics = study.run(pinned)
     study.run("window.old = true")
     study.page("Page.reload")
     study.wait(f"!window.old && document.readyState === 'complete' && {DONE}", 60)
     assert study.run("document.querySelectorAll('.slider.moved').length") == before
+    assert study.run(pinned) == metrics
+    study.click("#unpin")
 
 
 def test_c_stands_beside_it(study, pictures):
@@ -231,9 +252,17 @@ def test_a_file_is_edited_run_and_saved(tmp_path, monkeypatch, pictures, dark):
             assert "did you mean 'axles'" in browser.run(
                 "document.getElementById('faults').textContent"
             )
-            assert browser.run("document.querySelectorAll('#lines .bad').length") == 1
+            browser.wait(f"{SHADOW}.querySelectorAll('.cm-lint-marker-error').length === 1")
             browser.picture(pictures / f"faults_{'dark' if dark else 'light'}.png")
             type_over(browser, "axels = 4", "axles = 4")
+            # a key of the table is offered while it is typed, Tab takes it
+            type_over(browser, "axles = 4", "axles = 4\nrotatin")
+            browser.key("g")
+            browser.wait(f"{SHADOW}.querySelector('.cm-tooltip-autocomplete li')")
+            browser.picture(pictures / f"offered_{'dark' if dark else 'light'}.png")
+            browser.press("Tab", 9)
+            browser.wait(f"{VIEW}.state.doc.toString().includes('\\nrotating_mass = ')")
+            type_over(browser, "\nrotating_mass = ", "")
             before = metric(browser, "distance")
             type_over(browser, '"60 km/h"', '"66 km/h"')
             browser.wait(f"{METRIC.replace('NAME', 'distance')} !== {before!r}", 90)
@@ -249,11 +278,17 @@ def test_a_file_is_edited_run_and_saved(tmp_path, monkeypatch, pictures, dark):
             browser.close()
 
 
+VIEW = (
+    "CodeMirror.EditorView.findFromDOM("
+    "document.getElementById('editor').shadowRoot.querySelector('.cm-editor'))"
+)
+SHADOW = "document.getElementById('editor').shadowRoot"
+
+
 def type_over(browser: Browser, old: str, new: str) -> None:
-    """Replace a word of the file, as typing does; the last place of it."""
+    """Replace a word of the file, the last place of it, and leave the cursor behind it."""
     browser.run(
-        "(() => { const s = document.getElementById('source');"
-        f" const k = s.value.lastIndexOf({old!r});"
-        f" s.value = s.value.slice(0, k) + {new!r} + s.value.slice(k + {len(old)});"
-        " s.dispatchEvent(new Event('input')); })()"
+        f"(() => {{ const v = {VIEW}; const k = v.state.doc.toString().lastIndexOf({old!r});"
+        f" v.focus(); v.dispatch({{ changes: {{ from: k, to: k + {len(old)}, insert: {new!r} }},"
+        f" selection: {{ anchor: k + {len(new)} }}, userEvent: 'input.type' }}); }})()"
     )

@@ -153,7 +153,8 @@ def test_a_page_loads_its_own_files_alone(server):
     for name, (data, _) in page_files().items():
         assert b"http://" not in data.replace(b"http://www.w3.org/", b""), name
         assert b"https://" not in data.replace(b"https://github.com/leeoniya", b""), name
-        assert name.startswith("uPlot") or len(data.splitlines()) <= 300
+        foreign = name.startswith(("uPlot", "codemirror"))
+        assert foreign or len(data.splitlines()) <= 300
 
 
 @pytest.mark.parametrize(

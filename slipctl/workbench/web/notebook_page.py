@@ -18,7 +18,7 @@ def page_text() -> str:
         lambda m: f"<style>{_file(m[1])}</style>", text,
     )  # fmt: skip
     text = re.sub(r"<script[^>]*></script>\n", "", text)
-    scripts = [_file("uPlot.iife.min.js"), joined_modules("main")]
+    scripts = [_file("uPlot.iife.min.js"), _file("codemirror.iife.min.js"), joined_modules("main")]
     inside = "".join(f"<script>{s.replace('</script', '<' + chr(92) + '/script')}</script>\n"
                      for s in scripts)  # fmt: skip
     text = text.replace('<html lang="en">', '<html lang="en" data-notebook="yes">')

@@ -1,7 +1,8 @@
-// Questions that stand beside the run: certificate, worst disturbance, effects, ensemble, C.
+// Questions that stand beside the run: signals of a time, certificate, worst disturbance, effects, ensemble, C.
 
 import { at, fill, make } from "./dom.js";
 import { curvesOf } from "./plots.js";
+import { Signals } from "./signals.js";
 import { exactWords, showC, showEffects, showEnsemble, showFaults, showVerdict } from "./side.js";
 
 /** @param {import("./socket.js").Talk} talk @param {() => Object<string, any>} about
@@ -36,4 +37,5 @@ export function listenAside(talk, about, plots) {
   at("effects-ask").addEventListener("click", () => { effects = []; showEffects([], "working it out"); talk.ask("effects", about()); });
   at("c-ask").addEventListener("click", () => { fill(at("c"), "writing, compiling, replaying"); talk.ask("c", about()); });
   at("c-board").addEventListener("click", () => { fill(at("c"), "writing, compiling, running it on the emulated board"); talk.ask("c", { ...about(), target: "cortex-m4" }); });
+  return new Signals(talk, about);
 }

@@ -1,112 +1,125 @@
-// The file as text: numbers of lines, faults at their lines, what may be typed next.
+// The file as text, in CodeMirror: colours, faults at their lines, what may be typed next.
 
 import { at, fill, make } from "./dom.js";
+
+/** @type {any} */
+const code = /** @type {any} */ (window).CodeMirror;
+
+const LOOK = code.EditorView.theme({
+  "&": { height: "100%", fontSize: "12px", color: "var(--ink)", backgroundColor: "var(--page)" },
+  ".cm-scroller": { fontFamily: 'ui-monospace, "DejaVu Sans Mono", monospace', lineHeight: "1.45" },
+  ".cm-gutters": { backgroundColor: "var(--fill)", color: "var(--soft)", border: "0" },
+  ".cm-activeLine, .cm-activeLineGutter": { backgroundColor: "color-mix(in srgb, var(--blue) 8%, transparent)" },
+  ".cm-content": { caretColor: "var(--ink)" },
+  ".cm-cursor": { borderLeftColor: "var(--ink)" },
+  "&.cm-focused .cm-selectionBackground, .cm-selectionBackground, ::selection": {
+    backgroundColor: "color-mix(in srgb, var(--blue) 30%, transparent) !important" },
+  ".cm-gutter-lint": { width: "1em" },
+  ".cm-lint-marker-error": { content: "normal", color: "var(--no)" },
+  ".cm-lint-marker-error::before": { content: '"\u25cf"' },
+  ".cm-lintRange-error": { backgroundImage: "none", textDecoration: "underline wavy var(--no)" },
+  ".cm-diagnostic-error": { borderLeftColor: "var(--no)" },
+  ".cm-tooltip, .cm-panels": { color: "var(--ink)", backgroundColor: "var(--fill)", border: "1px solid var(--line)" },
+  ".cm-tooltip.cm-tooltip-autocomplete > ul": { maxWidth: "30em", fontFamily: "inherit" },
+  ".cm-tooltip-autocomplete ul li[aria-selected]": { backgroundColor: "var(--blue)", color: "var(--page)" },
+  ".cm-completionDetail": { fontStyle: "normal", color: "inherit", opacity: ".8" },
+});
+const { tags } = code;
+const COLOURS = code.HighlightStyle.define([
+  { tag: tags.comment, color: "var(--soft)", fontStyle: "italic" },
+  { tag: [tags.string, tags.number, tags.bool, tags.atom], color: "var(--blue)" },
+  { tag: [tags.propertyName, tags.definition(tags.variableName)], color: "var(--ink)" },
+]);
+const LONGEST_WAIT = 3000;
 
 export class Editor {
   /** @param {(text: string) => void} typed @param {(line: number, text: string) => void} complete */
   constructor(typed, complete) {
-    this.typed = typed;
     this.complete = complete;
-    this.source = at("source");
-    /** @type {any[]} */
-    this.faults = [];
-    this.source.addEventListener("input", () => {
-      this.hide();
-      this.number();
-      typed(this.source.value);
-    });
-    this.source.addEventListener("scroll", () => { at("lines").scrollTop = this.source.scrollTop; });
-    this.source.addEventListener("keydown", (/** @type {KeyboardEvent} */ event) => this.key(event));
-    this.source.addEventListener("blur", () => setTimeout(() => this.hide(), 200));
+    /** @type {((found: any[]) => void) | null} */
+    this.answered = null;
+    this.asked = 0;
+    this.editable = new code.Compartment();
+    const root = at("editor").attachShadow({ mode: "open" });
+    this.view = new code.EditorView({ root, parent: root, extensions: [
+      LOOK, code.syntaxHighlighting(COLOURS), code.StreamLanguage.define(code.toml),
+      code.lineNumbers(), code.lintGutter(), code.highlightActiveLine(), code.highlightSelectionMatches(),
+      code.history(), code.search({ top: true }),
+      code.autocompletion({ override: [(/** @type {any} */ where) => this.suggest(where)], selectOnOpen: false, icons: false }),
+      code.Prec.highest(code.keymap.of([{ key: "Tab", run: takeFirst }, { key: "Ctrl-Space", run: code.startCompletion }])),
+      code.keymap.of([...code.defaultKeymap, ...code.historyKeymap, ...code.searchKeymap]),
+      this.editable.of([]),
+      code.EditorView.contentAttributes.of({ "aria-label": "text of the file", spellcheck: "false" }),
+      code.EditorView.updateListener.of((/** @type {any} */ update) => {
+        if (update.docChanged && !update.transactions.some((/** @type {any} */ t) => t.annotation(code.Transaction.remote))) typed(this.text);
+      }),
+    ] });
   }
 
-  /** @param {string | null} text */
+  get text() {
+    return this.view.state.doc.toString();
+  }
+
+  /** Another text, as a step of undo shows it; the part that stays is not touched. @param {string | null} text */
   set(text) {
-    this.source.disabled = text === null;
     const wanted = text ?? "# a study of the library has no file; save writes its loop as one";
-    if (this.source.value !== wanted) this.source.value = wanted;
-    this.number();
-  }
-
-  /** Line that the cursor is on, from 1. */
-  line() {
-    return this.source.value.slice(0, this.source.selectionStart).split("\n").length;
-  }
-
-  number() {
-    const many = this.source.value.split("\n").length;
-    const bad = new Set(this.faults.map((f) => f.line));
-    const box = at("lines");
-    fill(box, ...Array.from({ length: many }, (_, k) =>
-      make("div", { className: bad.has(k + 1) ? "bad" : "" }, String(k + 1))));
-    box.scrollTop = this.source.scrollTop;
+    const now = this.text;
+    const effects = this.editable.reconfigure(text === null ? code.EditorState.readOnly.of(true) : []);
+    let from = 0;
+    while (from < Math.min(now.length, wanted.length) && now[from] === wanted[from]) from += 1;
+    let end = 0;
+    while (end < Math.min(now.length, wanted.length) - from && now[now.length - 1 - end] === wanted[wanted.length - 1 - end]) end += 1;
+    const changes = now === wanted ? [] : { from, to: now.length - end, insert: wanted.slice(from, wanted.length - end) };
+    this.view.dispatch({ changes, effects, annotations: code.Transaction.remote.of(true) });
   }
 
   /** @param {{line: number, text: string}[]} faults */
   mark(faults) {
-    this.faults = faults;
-    this.number();
+    const { doc } = this.view.state;
+    const marks = faults.filter((f) => f.line >= 1 && f.line <= doc.lines).map((f) => {
+      const line = doc.line(f.line);
+      return { from: line.from + (line.text.length - line.text.trimStart().length), to: line.to, severity: "error", message: f.text };
+    });
+    this.view.dispatch(code.setDiagnostics(this.view.state, marks));
     fill(at("faults"), ...faults.map((f) => make("li", { onclick: () => this.go(f.line) },
       f.line ? `line ${f.line}: ${f.text}` : f.text)));
   }
 
-  /** @param {number} line */
-  go(line) {
-    const start = this.source.value.split("\n").slice(0, line - 1).join("\n").length + (line > 1 ? 1 : 0);
-    this.source.focus();
-    this.source.setSelectionRange(start, start);
-    this.source.scrollTop = Math.max(0, (line - 4) * 17.4);
+  /** @param {number} number */
+  go(number) {
+    const { doc } = this.view.state;
+    const { from } = doc.line(Math.max(1, Math.min(number, doc.lines)));
+    this.view.dispatch({ selection: { anchor: from }, effects: code.EditorView.scrollIntoView(from, { y: "center" }) });
+    this.view.focus();
   }
 
-  /** @param {KeyboardEvent} event */
-  key(event) {
-    const list = at("complete");
-    if (event.ctrlKey && event.key === " ") {
-      event.preventDefault();
-      this.complete(this.line(), this.source.value);
-      return;
-    }
-    if (list.hidden) return;
-    const items = [...list.children];
-    const now = items.findIndex((i) => i.getAttribute("aria-selected") === "true");
-    if (event.key === "Escape") this.hide();
-    else if (event.key === "ArrowDown" || event.key === "ArrowUp") {
-      const next = (now + (event.key === "ArrowDown" ? 1 : items.length - 1)) % items.length;
-      items.forEach((i, k) => i.setAttribute("aria-selected", String(k === next)));
-      items[next].scrollIntoView({ block: "nearest" });
-    } else if (event.key === "Enter" || event.key === "Tab") /** @type {any} */ (items[Math.max(now, 0)])?.click();
-    else return;
-    event.preventDefault();
+  /** What may stand here, from the server: keys of the table, or values of the key. @param {any} where */
+  async suggest(where) {
+    const line = where.state.doc.lineAt(where.pos);
+    const before = line.text.slice(0, where.pos - line.from);
+    if (!where.explicit && !/[\w\[.]$/.test(before)) return null;
+    if (/#/.test(before)) return null;
+    this.answered?.([]);
+    this.asked = line.number;
+    const found = await new Promise((answered) => {
+      this.answered = answered;
+      setTimeout(answered, LONGEST_WAIT, []);
+      this.complete(line.number, this.text);
+    });
+    if (where.aborted || !found.length) return null;
+    const value = before.match(/=\s*$|=\s*(?=\S+[^=]*$)/);
+    const from = line.from + (value ? (value.index ?? 0) + value[0].length : before.length - before.trimStart().length);
+    return { from, options: found.map((/** @type {any} */ f) => ({ label: f.insert, detail: f.meaning })) };
   }
 
-  /** What may stand on the line. @param {{insert: string, meaning: string}[]} found @param {number} line */
+  /** The server's answer. @param {{insert: string, meaning: string}[]} found @param {number} line */
   offer(found, line) {
-    if (line !== this.line()) return;
-    const typed = this.source.value.split("\n")[line - 1].split("=").pop()?.trim().toLowerCase() ?? "";
-    const fits = found.filter((f) => f.insert.toLowerCase().includes(typed.replace(/^\[/, "")));
-    const list = at("complete");
-    fill(list, ...(fits.length ? fits : found).map((f, k) => make("li", {
-      "aria-selected": String(k === 0), onmousedown: (/** @type {Event} */ e) => e.preventDefault(),
-      onclick: () => this.insert(f.insert, line) }, make("b", {}, f.insert), ` ${f.meaning}`)));
-    list.hidden = !list.children.length;
+    if (line === this.asked) this.answered?.(found);
   }
+}
 
-  /** @param {string} text @param {number} line */
-  insert(text, line) {
-    const lines = this.source.value.split("\n");
-    const row = lines[line - 1];
-    const at_ = row.indexOf("=");
-    lines[line - 1] = at_ >= 0 && !text.endsWith(" = ") ? `${row.slice(0, at_ + 1)} ${text}` : text;
-    this.source.value = lines.join("\n");
-    const end = lines.slice(0, line).join("\n").length;
-    this.hide();
-    this.source.focus();
-    this.source.setSelectionRange(end, end);
-    this.number();
-    this.typed(this.source.value);
-  }
-
-  hide() {
-    at("complete").hidden = true;
-  }
+/** Tab takes what is chosen, else the first that is offered. @param {any} view */
+function takeFirst(view) {
+  if (code.completionStatus(view.state) !== "active") return false;
+  return code.acceptCompletion(view) || (code.moveCompletionSelection(true)(view) && code.acceptCompletion(view));
 }

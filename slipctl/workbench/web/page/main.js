@@ -5,6 +5,7 @@ import { listenAside } from "./aside.js";
 import { Commands } from "./commands.js";
 import { Editor } from "./editor.js";
 import { showBlock, showLaw } from "./law.js";
+import { Pins } from "./pins.js";
 import { Plots, curvesOf, timeText } from "./plots.js";
 import { Region } from "./region.js";
 import { showFaults, showMetrics, showWarnings } from "./side.js";
@@ -17,7 +18,8 @@ import { Track } from "./track.js";
 
 const talk = new Talk();
 const track = new Track();
-const plots = new Plots((time) => { track.point(time); at("state").dataset.time = timeText(time); tell(); });
+const plots = new Plots((time) => { track.point(time); at("state").dataset.time = timeText(time); tell(); }, (time) => signals.ask(time));
+const pins = new Pins(plots);
 const state = new State(changed);
 const sliders = new Sliders((name, value) => {
   const numbers = { ...state.now.numbers };
@@ -34,8 +36,6 @@ let model = null;
 let metrics = null;
 /** @type {any[] | null} */
 let before = null;
-/** @type {any[]} */
-const pinned = [];
 let said = "opening";
 let begun = 0;
 let command = "";
@@ -95,6 +95,7 @@ run.rest = 0;
 /** What may wait until nothing moves: doubts and the verdict. */
 function rest() {
   talk.ask("doubts", about());
+  signals.renew();
   if (model?.certificates.names.length) talk.ask("verdict", { ...about(), name: at("gains").value });
 }
 
@@ -128,6 +129,7 @@ talk.on("model", (head) => {
   if (first) {
     const now = state.begin(head.home, { text: state.key ? state.now.text : head.text, loop: head.loop, scenario: head.scenario, numbers: {} });
     editor.set(now.text);
+    pins.begin(head.home);
     if (now.text !== head.text || now.loop !== head.loop || now.scenario !== head.scenario) {
       talk.ask("model", { text: now.text, loop: now.loop, scenario: now.scenario });
     }
@@ -181,7 +183,7 @@ talk.on("run", (head, columns) => {
     metrics = head.metrics;
     command = head.command;
     commands.goals(head.metrics);
-    showMetrics(head.metrics, before, pinned);
+    showMetrics(head.metrics, before, pins.all);
     at("state").dataset.done = String(head.id);
   }
 });
@@ -228,7 +230,7 @@ talk.on("command", (head, columns) => {
   if (head.rows) plots.guest(curvesOf(head, columns), ["a recorded log, replayed"]);
   else commands.hear(head);
 });
-listenAside(talk, about, plots);
+const signals = listenAside(talk, about, plots);
 talk.on("refused", (head) => tell(head.faults[0]));
 
 // ---- what a person does ----
@@ -243,19 +245,9 @@ at("gains").addEventListener("change", () => { rest(); askRegion(); });
 at("back").addEventListener("click", run);
 at("undo").addEventListener("click", () => state.undo());
 at("redo").addEventListener("click", () => state.redo());
-at("pin").addEventListener("click", () => {
-  if (!plots.now || plots.now.guest || !metrics) return;
-  pinned.push({ name: `pin ${pinned.length + 1}`, rows: metrics });
-  plots.pins.push(plots.now);
-  plots.redraw();
-  showMetrics(metrics, before, pinned);
-});
-at("unpin").addEventListener("click", () => {
-  pinned.length = 0;
-  plots.pins.length = 0;
-  plots.redraw();
-  if (metrics) showMetrics(metrics, before, pinned);
-});
+const besideMetrics = () => { if (metrics) showMetrics(metrics, before, pins.all); };
+at("pin").addEventListener("click", () => { if (metrics) pins.add(metrics); besideMetrics(); });
+at("unpin").addEventListener("click", () => { pins.clear(); besideMetrics(); });
 const save = () => { tell("saving"); talk.ask("save", { ...about(), name: "" }); };
 at("save").addEventListener("click", save);
 at("copy").addEventListener("click", () => { navigator.clipboard?.writeText(command).catch(() => undefined); tell(command); });
@@ -282,7 +274,7 @@ followTheme(() => {
 });
 addEventListener("keydown", (event) => {
   if (!event.ctrlKey && !event.metaKey) return;
-  const typing = /** @type {HTMLElement} */ (document.activeElement)?.tagName === "TEXTAREA";
+  const typing = document.activeElement?.matches("textarea, #editor");
   if (event.key === "s") { event.preventDefault(); save(); }
   else if (!typing && event.key === "z") { event.preventDefault(); state.undo(); }
   else if (!typing && event.key === "y") { event.preventDefault(); state.redo(); }

@@ -2,7 +2,7 @@
 
 import { at, colours, fill, hue, make, short, unitOf } from "./dom.js";
 
-/** @typedef {{time: Float32Array, panels: any[], rails: [number, string][], name: string, guest?: boolean}} Curves */
+/** @typedef {{time: Float32Array, panels: any[], rails: [number, string][], behind: number[], name: string, guest?: boolean}} Curves */
 
 const HIGH = 80;
 const AXIS = 20;
@@ -14,13 +14,14 @@ export function curvesOf(head, columns) {
   const panels = head.panels.map((/** @type {any} */ p) => ({
     ...p, series: p.series.map((/** @type {any} */ s) => ({ ...s, values: columns[k++] })),
   }));
-  return { time: columns[0], panels, rails: head.rails, name: head.loop };
+  return { time: columns[0], panels, rails: head.rails, behind: head.behind ?? [], name: head.loop };
 }
 
 export class Plots {
-  /** @param {(time: number | null) => void} pointed */
-  constructor(pointed) {
+  /** @param {(time: number | null) => void} pointed @param {(time: number) => void} chosen */
+  constructor(pointed, chosen) {
     this.pointed = pointed;
+    this.clicked = chosen;
     /** @type {any[]} */
     this.plots = [];
     this.shape = "";
@@ -92,7 +93,7 @@ export class Plots {
     const values = keys.map(() => make("b", {}));
     const box = make("div", { className: "panel" }, make("h3", {}, make("b", {}, panel.name + (panel.unit === "1" ? "" : ` [${panel.unit}]`)),
       ...keys.map((/** @type {any} */ s, /** @type {number} */ n) => {
-        const mark = make("span", { className: "key" }, `${s.name}${s.looks === "axle" ? ` ${s.axle}` : ""} `, values[n]);
+        const mark = make("span", { className: "key" }, `${s.looks !== "axle" ? s.name : n && keys[n - 1].name === s.name ? s.axle : `${s.name} ${s.axle}`} `, values[n]);
         mark.style.color = this.hue(s);
         return mark;
       })));
@@ -204,6 +205,11 @@ export class Plots {
       else this.setZoom(here - (here - min) * by, here + (max - here) * by);
     }, { passive: false });
     u.over.addEventListener("dblclick", () => this.setZoom(null));
+    let down = 0;
+    u.over.addEventListener("mousedown", (/** @type {MouseEvent} */ event) => { down = event.clientX; });
+    u.over.addEventListener("mouseup", (/** @type {MouseEvent} */ event) => {
+      if (Math.abs(event.clientX - down) < 4 && u.cursor.idx !== null && u.cursor.idx !== undefined) this.clicked(u.data[0][u.cursor.idx]);
+    });
   }
 
   /** @param {any} u @param {number} k @param {any[]} keys @param {any[]} values */

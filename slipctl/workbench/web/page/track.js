@@ -1,7 +1,10 @@
-// The rail as the vehicle passes it: each stretch in its colour, the vehicle where it is.
+// The rail as the train passes it: what it carries at each place, and each axle where it is.
 
-import { at, colours, short } from "./dom.js";
+import { at, colours, hue, short } from "./dom.js";
 import { railHue } from "./plots.js";
+
+const TOP = 15;
+const HIGH = 8;
 
 export class Track {
   constructor() {
@@ -10,14 +13,17 @@ export class Track {
     this.curves = null;
     /** @type {number | null} */
     this.time = null;
-    this.canvas.title = "click plays the run along the track";
+    /** What each axle found at each place, and the scale: made once for a run and a width. @type {any} */
+    this.found = null;
+    this.canvas.title = "click plays the run along the track: the rail has the adhesion that the last axle that passed it found";
     this.canvas.addEventListener("click", () => this.play());
-    new ResizeObserver(() => this.draw()).observe(this.canvas);
+    new ResizeObserver(() => { this.found = null; this.draw(); }).observe(this.canvas);
   }
 
   /** @param {import("./plots.js").Curves} curves */
   show(curves) {
     this.curves = curves;
+    this.found = null;
     this.draw();
   }
 
@@ -41,6 +47,27 @@ export class Track {
     return panel.series[0].values[time >= t[hi] ? hi : lo];
   }
 
+  /** Best adhesion that each axle found, over the pixels of the rail; none where the run has none.
+   * @param {import("./plots.js").Curves} curves @param {number[]} behind @param {(place: number) => number} x @param {number} width */
+  foundBy(curves, behind, x, width) {
+    const best = curves.panels.find((p) => p.name === "adhesion")?.series.filter((/** @type {any} */ s) => s.looks === "best") ?? [];
+    const way = curves.panels.find((p) => p.name === "distance")?.series[0].values;
+    if (!best.length || !way) return null;
+    let most = 1e-9;
+    const rows = behind.map((far, k) => {
+      const row = new Float32Array(Math.ceil(width)).fill(NaN);
+      const { values } = best[Math.min(k, best.length - 1)];
+      let last = Math.max(Math.floor(x(way[0] - far)), 0);
+      for (let i = 0; i < way.length; i++) {
+        const to = Math.min(Math.floor(x(way[i] - far)), row.length - 1);
+        for (; last <= to; last++) row[last] = values[i];
+        if (values[i] > most) most = values[i];
+      }
+      return row;
+    });
+    return { rows, most };
+  }
+
   draw() {
     const { width, height } = this.canvas.getBoundingClientRect();
     if (!this.curves || width < 10) return;
@@ -50,26 +77,46 @@ export class Track {
     c.scale(devicePixelRatio, devicePixelRatio);
     const { ink, soft, dark } = colours();
     const t = this.curves.time;
-    const first = this.way(t[0]);
+    const behind = this.curves.behind.length ? this.curves.behind : [0];
+    const first = this.way(t[0]) - Math.max(...behind);
     const long = Math.max(this.way(t[t.length - 1]) - first, 1e-9);
-    const x = (/** @type {number} */ time) => 4 + (width - 8) * (this.way(time) - first) / long;
+    const place = (/** @type {number} */ s) => 4 + (width - 8) * (s - first) / long;
+    const x = (/** @type {number} */ time) => place(this.way(time));
+    this.found ??= { of: this.foundBy(this.curves, behind, place, width) };
+    const now = this.time ?? t[t.length - 1];
+    const here = this.way(now);
     c.font = "10px system-ui";
     this.curves.rails.forEach(([start, name], k) => {
-      const stop = this.curves?.rails[k + 1]?.[0] ?? t[t.length - 1];
-      c.globalAlpha = dark ? 0.5 : 1;
-      c.fillStyle = railHue(name);
-      c.fillRect(x(start), 19, x(stop) - x(start), 8);
-      c.globalAlpha = 1;
+      const left = k ? x(start) : 4;
+      const stop = x(this.curves?.rails[k + 1]?.[0] ?? t[t.length - 1]);
+      if (!this.found.of) {
+        c.globalAlpha = dark ? 0.5 : 1;
+        c.fillStyle = railHue(name);
+        c.fillRect(left, TOP, stop - left, HIGH);
+        c.globalAlpha = 1;
+      }
       c.fillStyle = soft;
-      if (x(stop) - x(start) > 40) c.fillText(name, x(start) + 3, 12, x(stop) - x(start) - 4);
+      if (stop - left > 40) c.fillText(name, left + 3, 12, stop - left - 4);
     });
-    const now = this.time ?? t[t.length - 1];
+    if (this.found.of) {
+      const { rows, most } = this.found.of;
+      for (let px = 4; px < width - 4; px++) {
+        let value = NaN;
+        rows.forEach((/** @type {Float32Array} */ row, /** @type {number} */ k) => {
+          if ((k === 0 || place(here - behind[k]) >= px) && !Number.isNaN(row[px])) value = row[px];
+        });
+        c.fillStyle = Number.isNaN(value) ? soft : adhesionHue(value / most);
+        c.fillRect(px, TOP, 1.2, HIGH);
+      }
+    }
+    behind.forEach((far, k) => {
+      c.fillStyle = behind.length > 1 ? hue(k) : ink;
+      c.beginPath();
+      c.arc(Math.min(Math.max(place(here - far), 4), width - 4), TOP + HIGH + 3, 3, 0, 2 * Math.PI);
+      c.fill();
+    });
     c.fillStyle = ink;
-    c.beginPath();
-    c.arc(Math.min(x(now), width - 5), 17, 4, 0, 2 * Math.PI);
-    c.fill();
-    const text = `${short(this.way(now) - first, 4)} m`;
-    c.fillText(text, Math.min(Math.max(x(now) - 50, 2), width - 50), 12);
+    c.fillText(`${short(here - this.way(t[0]), 4)} m`, Math.min(Math.max(place(here) - 50, 2), width - 50), 12);
   }
 
   /** Play the run, five seconds a second where it is long. */
@@ -90,4 +137,14 @@ export class Track {
     };
     step();
   }
+}
+
+/** From little adhesion, orange, to much, blue. @param {number} share of the best in the run */
+function adhesionHue(share) {
+  const from = [213, 94, 0];
+  const middle = [240, 228, 180];
+  const to = [0, 114, 178];
+  const w = Math.sqrt(Math.min(Math.max(share, 0), 1));  // slippery rails differ more than dry ones
+  const [a, b, by] = w < 0.6 ? [from, middle, w / 0.6] : [middle, to, (w - 0.6) / 0.4];
+  return `rgb(${a.map((v, k) => Math.round(v + by * (b[k] - v))).join(" ")})`;
 }
