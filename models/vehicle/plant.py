@@ -41,7 +41,7 @@ from slipctl.models.vehicle.cars import (
 )
 from slipctl.models.vehicle.parts import Actuator, Air, Lag, Valve, Vehicle
 from slipctl.models.wheel_rail.axles import Axles, rolling
-from slipctl.models.wheel_rail.twisting_wheelsets import law_on_two_wheels, twisting
+from slipctl.models.wheel_rail.twisting_wheelsets import law_on_two_wheels, train_that_twists
 from slipctl.models.zhang_2021.ep_valve import air_brake, dead_time, ep_valve
 from slipctl.models.zhang_2021.hst_braking import davis
 
@@ -274,7 +274,7 @@ def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None
         m=vehicle.total, r=r, **masses_of_axles(vehicle), g=vehicle.gravity, B_t=0.0,
         v=vehicle.speed,
     )  # fmt: skip
-    train = twisting(train, twists, worked) if twists else train
+    train = train_that_twists(train, twists, worked) if twists else train
     brakes, commands = ({"act": replicate(actuator(part), many)}, {"act.T_cmd": "T_cmd"}) if (
         not isinstance(part, Air)) else _air(part, vehicle, many)  # fmt: skip
     c0, c1, c2 = vehicle.resistance.of(vehicle.total)

@@ -79,7 +79,7 @@ def steps_of_tick(wheelset: Wheelset, h: float) -> int:
     return max(ceil(2 * pi * fastest * h / SHARP), 4)
 
 
-def twisting(train: Block, wheelset: Wheelset, driven: tuple[int, ...]) -> Block:
+def train_that_twists(train: Block, wheelset: Wheelset, driven: tuple[int, ...]) -> Block:
     """Let the driven axles of a train twist.
 
     Args:
@@ -136,7 +136,7 @@ def twisting(train: Block, wheelset: Wheelset, driven: tuple[int, ...]) -> Block
         return nxt | {"angle": ca.vertcat(*angles), "rate": ca.vertcat(*rates)}, y
 
     def rebuild(parts: dict[str, Block]) -> Block:
-        return twisting(parts[train.name], wheelset, driven)
+        return train_that_twists(parts[train.name], wheelset, driven)
 
     J, C = np.array(wheelset.inertias, dtype=float), damping_matrix(wheelset)
     torque = Output("N m", "torque of the axle between its wheels").named("torsion")

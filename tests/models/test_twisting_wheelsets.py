@@ -15,7 +15,7 @@ from slipctl.models.wheel_rail.torsion import Wheelset
 from slipctl.models.wheel_rail.twisting_wheelsets import (
     damping_matrix,
     law_on_two_wheels,
-    twisting,
+    train_that_twists,
 )
 from slipctl.study.files import trip_files
 
@@ -28,7 +28,7 @@ def one_axle(wheelset, c, speed=SPEED):
     train = rolling(law_on_two_wheels(falling_creep), Axles((1,), (0.0,), (True,)), 1e-3,
                     standing=True)  # fmt: skip
     curve = {f"adh.{k}": value for k, value in (CURVE | {"c": c}).items()}
-    return twisting(train, wheelset, (0,)).with_params(
+    return train_that_twists(train, wheelset, (0,)).with_params(
         m=1e8, m_axle=2 * LOAD / 9.81, g=9.81, J=1e4, r=RADIUS, B_t=0.0, v=speed, **curve
     )
 

@@ -102,9 +102,9 @@ def test_scenarios_differ_in_their_leaves_alone():
     base, medium, clean = cases({}, False)
     assert (base.clean, medium.clean, clean.clean) == ("clean", "clean", "")
     assert medium.scenario.params["plant.field.tau"] == MEDIUM > WEAK
-    for case in (medium, clean):
-        assert list(case.loops) == list(RIVALS)
-        assert case.scenario.rail == base.scenario.rail
+    for one in (medium, clean):
+        assert list(one.loops) == list(RIVALS)
+        assert one.scenario.rail == base.scenario.rail
     loop = base.loops["none"]
     assert float(loop.values_by_place()["plant.field.tau"]) == WEAK
 
