@@ -57,7 +57,7 @@ def law_on_two_wheels(adhesion: Block) -> Block:
     beside = [faster.named(w) for w in WHEELS]
     return make_block(
         adhesion.name, "law", body, inputs=[*adhesion.inputs.values(), *beside],
-        params=list(adhesion.params.values()), outputs=list(adhesion.outputs.values()),
+        params=list(adhesion.params.values()), outputs=[adhesion.outputs["mu"]],
         conditions=adhesion.conditions, sx=adhesion.sx, choices=adhesion.choices,
         doc=adhesion.doc,
     )  # fmt: skip

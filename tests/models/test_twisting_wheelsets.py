@@ -144,6 +144,17 @@ def test_on_a_dry_rail_the_axle_carries_half_of_the_motor_s_torque_and_nothing_e
     assert ways[0] == pytest.approx(ways[1], rel=1e-5)
 
 
+@pytest.mark.second
+def test_a_rail_that_remembers_takes_wheelsets_that_twist(tmp_path):
+    layer = '[rail.contamination]\ncondition = "leaves"\n[demand]'
+    made = trip_of(tmp_path, DRIVEN.replace("[demand]", layer))
+    found = case(made)
+    log = simulate(found.loops["none"], found.scenario.but(duration=0.05), compile=False)
+    torque, motor = log["plant.train.torsion"].values[-1], log["plant.T"].values[-1]
+    np.testing.assert_allclose(torque, motor / 2, rtol=0.2)  # still winding up
+    assert (torque > 0).all()
+
+
 @pytest.mark.parametrize(("old", "new", "said"), [
     ('mode = "drive"', 'mode = "brake"', r"vehicle.torsion: is of a driven vehicle"),
     ("[actuator]", 'rotor = "50 kg m^2"\n[actuator]', r"torsion.rotor: .*shaft belong together"),
