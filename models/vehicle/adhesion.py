@@ -17,8 +17,9 @@ import numpy as np
 from slipctl import BadInput, Block, argmax, make_block
 from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.errors import Faults, nearest
-from slipctl.models.vehicle.parts import Contamination, Trip
+from slipctl.models.vehicle.parts import Contamination, Trip, Vehicle
 from slipctl.models.vehicle.plant import on_train
+from slipctl.models.wheel_rail.contact import law_of_wheel
 from slipctl.models.wheel_rail.rail_memory import blended_law
 from slipctl.study.resolve import load_block
 
@@ -155,6 +156,8 @@ def rail_law(trip: Trip) -> Block:
     track = trip.rail
     block = load_block(track.law)
     on_train(block)  # says what is wrong with it
+    own = {n for values in track.conditions.values() for n in values}
+    block = _on_own_wheels(block, trip.vehicle, own)
     known = {k: dict(v) for k, v in block.conditions.items()} | {c: {} for c in track.conditions}
     faults: list[str] = []
     for name, values in track.conditions.items():
@@ -187,6 +190,17 @@ def rail_law(trip: Trip) -> Block:
     return block.with_conditions(**conditions)
 
 
+def _on_own_wheels(block: Block, vehicle: Vehicle, given: set[str]) -> Block:
+    """Law with the patch of this vehicle's wheels, where it has one and the file gives none of it.
+
+    Cars whose axles carry unlike loads have no such patch in common.
+    """
+    if given & {"Q", "a", "b", "c11"} or len(set(vehicle.carried)) > 1:
+        return block
+    load = vehicle.carried[0] * vehicle.gravity / 2
+    return law_of_wheel(block, load, vehicle.wheel_radius, 2 * vehicle.axles)
+
+
 def layer_law(trip: Trip, part: Contamination) -> Block:
     """Law under the layer, as a train takes it, with its own numbers.
 
@@ -208,6 +222,7 @@ def layer_law(trip: Trip, part: Contamination) -> Block:
                 ]
             )
         values |= block.conditions[part.condition]
+    block = _on_own_wheels(block, trip.vehicle, set(part.numbers))
     values |= numbers_of(block, part.numbers, f"{WHERE}.numbers")
     driven = trip.vehicle.mode == "drive"
     wrong = list(law_faults(block, {"layer": values}, trip.vehicle.speed, driven))

@@ -12,6 +12,7 @@ from slipctl.analysis.rail_peaks import Peaks
 from slipctl.models.common_form import T_S
 from slipctl.models.vehicle.adhesion import contaminated_law, layer_law, peak_of_layer
 from slipctl.models.vehicle.parts import Trip
+from slipctl.models.vehicle.plant import on_train
 from slipctl.models.wheel_rail.rail_memory import EVERYWHERE, Cells, Layer, rail_field
 
 
@@ -75,21 +76,24 @@ def patches_of_seed(trip: Trip) -> Callable[[int], dict[str, np.ndarray]] | None
 
 # ---- what the rail carries -----------------------------------------------------------------------
 
-READS = ("plant.train.v", "plant.field.recovered", "plant.field.height", "plant.train.x", "time")
+READS = ("plant.train.v", "plant.train.x", "time")
 """Signals that the peak of the rail follows from."""
 
+LAYER_READS = ("plant.field.recovered", "plant.field.height")
+"""Those that it follows from beside, on a contaminated rail."""
 
-def best_of_layer(trip: Trip, clean: Block, track: Rail) -> dict[str, Known]:
-    """Best slip and adhesion under each axle of a contaminated rail, which follow from the log.
+
+def best_under_axles(trip: Trip, clean: Block, track: Rail) -> dict[str, Known]:
+    """Best slip and adhesion under each axle where they follow from the log: by speed or layer.
 
     Args:
         trip: the trip. clean: law of its rail. track: its rail, with the conditions of ``clean``.
     """
     conditions = [s.condition or "" for s in track.sections]
-    law, behind = contaminated_law(trip, clean), trip.vehicle.behind
-    speed = trip.vehicle.speed
-    known = {c: Peaks(law, law.conditions[c], speed) for c in dict.fromkeys(conditions)}
-    worked = list(trip.vehicle.worked)
+    layered = trip.rail.contamination is not None
+    law = contaminated_law(trip, clean) if layered else on_train(clean)
+    behind = trip.vehicle.behind
+    worked, reads = list(trip.vehicle.worked), READS + (LAYER_READS if layered else ())
 
     def section(log: Any, shape: tuple[int, ...]) -> np.ndarray:
         """Number of the section under each axle."""
@@ -99,8 +103,12 @@ def best_of_layer(trip: Trip, clean: Block, track: Rail) -> dict[str, Known]:
         return np.maximum(np.searchsorted(track.starts, at + 1e-9, side="right") - 1, 0)
 
     def found(log: Any) -> tuple[np.ndarray, np.ndarray]:
-        v, share, height = (np.asarray(log[name], dtype=float) for name in READS[:3])
-        v = np.broadcast_to(np.abs(v)[:, None], share.shape)
+        v = np.abs(np.asarray(log["plant.train.v"], dtype=float))
+        speed = max(trip.vehicle.speed, float(v.max()))
+        known = {c: Peaks(law, law.conditions[c], speed) for c in dict.fromkeys(conditions)}
+        v = np.repeat(v[:, None], len(behind), axis=1)
+        share, height = (np.asarray(log[name], dtype=float) if layered else np.ones(v.shape)
+                         for name in LAYER_READS)  # fmt: skip
         here = section(log, share.shape)
         slip, peak = np.zeros(share.shape), np.zeros(share.shape)
         for k, condition in enumerate(conditions):
@@ -113,7 +121,7 @@ def best_of_layer(trip: Trip, clean: Block, track: Rail) -> dict[str, Known]:
     return {
         "rail.best_slip": Known(
             "m/s", lambda log: found(log)[0][:, worked], "best slip, as the rail has it",
-            tuple(behind[k] for k in worked), READS),
+            tuple(behind[k] for k in worked), reads),
         "rail.best_adhesion": Known("1", lambda log: found(log)[1], "peak of the rail", behind,
-                                    READS),
+                                    reads),
     }  # fmt: skip

@@ -45,7 +45,7 @@ from slipctl.errors import BadInput, Faults
 from slipctl.models.common_form import ADDED, T_S
 from slipctl.models.vehicle.adhesion import contaminated_law, rail_law
 from slipctl.models.vehicle.books import known_of_trip
-from slipctl.models.vehicle.contamination import best_of_layer, field_of_rail
+from slipctl.models.vehicle.contamination import best_under_axles, field_of_rail
 from slipctl.models.vehicle.control import vehicle_control
 from slipctl.models.vehicle.measurement.sensor_parts import (
     at_one_radius,
@@ -387,8 +387,8 @@ def best(block: Block, condition: str) -> tuple[float, float]:
 def best_of_rail(trip: Trip) -> dict[str, Known]:
     """Best slip and adhesion of the rail under each axle, for the log; slip where it works."""
     block = rail_law(trip)
-    if trip.rail.contamination is not None:
-        return best_of_layer(trip, block, rail(trip))
+    if trip.rail.contamination is not None or "v" in block.inputs:
+        return best_under_axles(trip, block, rail(trip))
     found = [best(block, s.condition or "") for s in rail(trip).sections]
     behind = trip.vehicle.behind
     worked = tuple(behind[k] for k in trip.vehicle.worked)

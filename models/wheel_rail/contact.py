@@ -19,6 +19,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -122,6 +123,44 @@ def check_patch(p: Mapping[str, Any], load: Any, r: Any) -> None:
                 f"a, b and c11 are of a wheel with {_PATCH['Q']:.4g} N; at {N:.4g} N and"
                 f" r = {R:.3g} m they are others by Hertz and Kalker: set {numbers} too"
             )
+
+
+def law_of_wheel(law_: Block, load: float, r: float, wheels: int) -> Block:
+    """Law whose patch is the one of a vehicle's wheel, and follows the mass of the vehicle.
+
+    By Hertz both semi-axes grow with the third root of the load; their ratio, and c11, stay.
+
+    Args:
+        law_: with the numbers of another wheel. One without a patch, or with a patch of its own
+            (measured, fitted), is given back as it is.
+        load: of a wheel in N. r: its radius in m. wheels: of the vehicle, which carry alike.
+    """
+    own = ("Q", "a", "b", "c11")
+    params = law_.params
+    if not set(own) <= set(params) or any(
+        params[n].derived or params[n].value != _PATCH[n] for n in own
+    ):
+        return law_
+    fits = patch(load, r)
+    texts = {"Q": f"m * g / {wheels}"} | {
+        n: f"{fits[n]!r} * (Q / {load!r}) ** (1 / 3)" for n in ("a", "b")
+    }
+    signals = [replace(s, value=texts[n]) if n in texts else s for n, s in params.items()]
+    c11_at = next(k for k, s in enumerate(signals) if s.name == "c11")
+    signals[c11_at] = replace(signals[c11_at], value=fits["c11"])
+    signals += [
+        Param("kg", load * wheels / 9.81, "vehicle", "of the vehicle", lo=100, hi=1e8).named("m"),
+        Param("m/s^2", 9.81, "gravity", "of the vehicle").named("g"),
+    ]
+
+    def body(x: dict[str, Any], u: dict[str, Any], p: dict[str, Any]) -> Any:
+        return law_.expr(x, u, {n: p[n] for n in params})
+
+    return make_block(
+        law_.name, "law", body, inputs=law_.inputs.values(), params=signals,
+        outputs=law_.outputs.values(), conditions=law_.conditions, law_data=law_.law_data,
+        choices=law_.choices, sx=law_.sx, doc=law_.doc,
+    )  # fmt: skip
 
 
 def patch_of_curve(

@@ -22,7 +22,7 @@ from slipctl.analysis.objective import (
 )
 from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
 from slipctl.block.signals import Param
-from slipctl.errors import BadInput, RunFailed, check_range, check_ranges, check_whole, nearest
+from slipctl.errors import BadInput, RunFailed, check_range, check_whole, nearest
 
 Slopes = Callable[[float], tuple[float, float]]
 """First and second derivative at a place."""
@@ -50,14 +50,6 @@ class Peak(NamedTuple):
     location: float
     value: float
     bracket: tuple[float, float]
-    method: str
-
-
-class Summit(NamedTuple):
-    """Peak of a law over several inputs: arguments by name, objective there, and ``"ipopt"``."""
-
-    location: dict[str, float]
-    value: float
     method: str
 
 
@@ -196,8 +188,6 @@ def _proven(
         if curvature < 0 and slopes(a)[0] > 0 > slopes(b)[0]:
             x = _climb(slopes, (a + b) / 2, a, b)
             return Peak(x, float(value(x, p)), (a, b), "proven")
-        if not ((middle > left) & (middle < right)).any():
-            break
         left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
     raise RunFailed(f"{where}: no single peak can be proven in {lo:g} to {hi:g}")
 
@@ -211,53 +201,6 @@ def _bracket(slopes: Slopes, x: float, lo: float, hi: float) -> tuple[float, flo
             return a, b
         width *= 2
     return None
-
-
-def argmax_several(
-    law: Block,
-    over: Mapping[str, tuple[float, float]],
-    maximise: str | None = None,
-    *,
-    at: Mapping[str, float] | None = None,
-    starts: int = 200,
-    seed: int = 1,
-) -> Summit:
-    """Find the peak of a law over several inputs with IPOPT, on exact derivatives.
-
-    Nothing is guaranteed beyond a local peak: IPOPT starts at the best of some random places.
-
-    Args:
-        law: a law.
-        over: range (lo, hi) of each input that is varied, in its unit.
-        maximise: output that is maximised; may be left out if there is only one.
-        at: values of other inputs and of parameters; those not given have their own.
-        starts: random places to choose the start from.
-        seed: of these.
-
-    Raises:
-        BadInput: as :func:`argmax`, or fewer than one start.
-        RunFailed: IPOPT does not converge.
-    """
-    where = f"argmax_several({as_block('argmax_several: the law', law).name})"
-    check_ranges(where, over)
-    check_whole(f"{where}: starts", starts)
-    value, _, p = objective_functions(where, law, list(over), maximise, dict(at or {}))
-    lows, highs = np.array(list(over.values()), dtype=float).T
-    places = np.random.default_rng(seed).uniform(lows[:, None], highs[:, None], (len(over), starts))
-    heights = np.array(ca.DM(value.map(starts)(places, p)).full()).ravel()
-    if np.isnan(heights).all():
-        raise BadInput(f"{where} is NaN at every start; give other ranges or at={{...}}")
-    z = ca.SX.sym("z", len(over))
-    solver = ca.nlpsol(
-        "argmax", "ipopt", {"x": z, "f": -value(z, p)},
-        {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes", "ipopt.tol": 1e-12,
-         "ipopt.honor_original_bounds": "yes", "ipopt.bound_relax_factor": 0.0},
-    )  # fmt: skip
-    solution = solver(x0=places[:, int(np.nanargmax(heights))], lbx=lows, ubx=highs)
-    if not solver.stats()["success"]:
-        raise RunFailed(f"{where}: IPOPT says {solver.stats()['return_status']}")
-    x = np.array(ca.DM(solution["x"]).full()).ravel()
-    return Summit(dict(zip(over, map(float, x), strict=True)), float(value(x, p)), "ipopt")
 
 
 def argmax_block(

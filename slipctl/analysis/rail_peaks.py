@@ -47,9 +47,10 @@ class Peaks:
     def at(self, v: np.ndarray, fouled: np.ndarray, clean: np.ndarray) -> tuple[Any, Any]:
         """Best slip in m/s and peak, where the factors on the two curves are these."""
         both = np.maximum(fouled + clean, 1e-12)
-        j = np.rint(np.interp(v, self.speeds, np.arange(len(self.speeds)))).astype(int)
         if len(self.shares) == 1:
-            return self.slips[0, j], self.heights[0, j]
+            slips, heights = self.slips[0], self.heights[0]
+            return np.interp(v, self.speeds, slips), np.interp(v, self.speeds, heights)
+        j = np.rint(np.interp(v, self.speeds, np.arange(len(self.speeds)))).astype(int)
         q = clean / both * (len(self.shares) - 1)
         k = np.rint(q).astype(int)
         low = np.minimum(q.astype(int), len(self.shares) - 2)  # beside the grid, a straight line

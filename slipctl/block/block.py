@@ -316,11 +316,19 @@ class Block(Functions):
         Raises:
             BadInput: unknown parameter.
         """
-        wanted = {self._settable(n).name for n in names}
-        return self._copy(
-            replace(s, source=source) if s.role == "param" and s.name in wanted else s
+        return self.with_sources(dict.fromkeys(names, source))
+
+    def with_sources(self, sources: Mapping[str, str]) -> Block:
+        """Return the block with other sources of parameters, by their names.
+
+        Raises:
+            BadInput: unknown parameter.
+        """
+        wanted = {self._settable(n).name: source for n, source in sources.items()}
+        return self._copy([
+            replace(s, source=wanted[s.name]) if s.role == "param" and s.name in wanted else s
             for s in self.signals
-        )
+        ])  # fmt: skip
 
     def with_rebuild(self, rebuild: Rebuild) -> Block:
         """Return the block with another way to make it again of other parts."""

@@ -75,21 +75,20 @@ def _places(
     found: dict[str, None] = {}
     for wanted in share.wanted:
         if "*" not in wanted:
+            part, _, n = wanted.partition(".")
+            if part in blocks and n in blocks[part].sharing.aliases:
+                inner = blocks[part].sharing.name(n)
+                raise BadInput(
+                    f"{name}: share {share.name!r} names {wanted}, which {part} shares as {inner};"
+                    f" write {part}.{inner}"
+                )
             if not has_place(blocks, wanted):
-                part, _, n = wanted.partition(".")
                 if part not in blocks:
                     why = f"there is no part {part!r}{nearest(part, blocks)}"
                 else:
                     known = [*blocks[part].params, *blocks[part].states]
                     why = f"{part} has no {n!r}{nearest(n, known)}"
                 raise BadInput(f"{name}: share {share.name!r} names {wanted}, but {why}")
-            part, _, n = wanted.partition(".")
-            if n in blocks[part].sharing.aliases:
-                inner = blocks[part].sharing.name(n)
-                raise BadInput(
-                    f"{name}: share {share.name!r} names {wanted}, which {part} shares as {inner};"
-                    f" write {part}.{inner}"
-                )
             found[wanted] = None
         else:
             for b, block in blocks.items():

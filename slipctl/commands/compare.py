@@ -289,7 +289,7 @@ def metric_tables(
         parts.append(_table(rows + [[r["metric"], r["unit"], *_cells(r)] for r in metrics]))
         rows = [["difference", "unit", *apart]]
         rows += [[r["metric"], r["unit"], *_apart_cells(r, swept)] for r in metrics
-                 if any(d for d in r["difference"])]  # fmt: skip
+                 if _differs(r)]  # fmt: skip
         parts.append(_table(rows))
     if swept:
         parts.append("median (5 % .. 95 %); " + (
@@ -305,7 +305,14 @@ def metric_tables(
 
 def tells_apart(row: Mapping[str, Any]) -> bool:
     """Whether a row of :func:`metric_rows` says that the sides differ."""
-    return len({number(v) for v in row["values"]}) > 1 or any(d for d in row["difference"])
+    spreads = {tuple(map(number, s)) for s in row["spread"] if s}
+    values = {number(v) for v in row["values"]}
+    return _differs(row) or any(len(k) > 1 for k in (values, spreads, set(row["never"])))
+
+
+def _differs(row: Mapping[str, Any]) -> bool:
+    """Whether a difference of a row is not 0, at its median or at an end of its spread."""
+    return any((*row["difference"], *(end for pair in row["paired"] for end in pair or ())))
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slipctl import __version__
-from slipctl.block.units.unit_algebra import parse_quantity
+from slipctl.block.units.number_ranges import read_range
 from slipctl.certify import proofs
 from slipctl.certify.promise import CERTIFIED, REFUTED, UNDECIDED, System, exact_numbers
 from slipctl.design.gain_points import Asked
@@ -127,7 +127,7 @@ def read_axes(text: str, system: System, numbers: Mapping[str, Fraction]) -> tup
             pair = ends.split(":")
             if len(pair) != 2:
                 raise BadInput(f"--map {part!r}: write {name}=LO:HI")
-            lo, hi = (parse_quantity(e, unit, f"--map {name}") for e in pair)
+            lo, hi = read_range(pair[0], pair[1], unit, f"--map {name}")
         elif not numbers.get(name):
             raise BadInput(f"--map {text}: {name} is not given, so its axis needs a range;"
                            f" write {name}=LO:HI")  # fmt: skip

@@ -274,7 +274,7 @@ def _set(study: Study, cases: list[Case], settings: Sequence[Setting]) -> list[C
             where = f"loop {s.loop}" if s.loop else f"no loop of {study.name}"
             has = "has no" if s.loop else "has a"
             last = s.name.rpartition(".")[2].lower()
-            shared = [n for n in endings if "." not in n and n.lower() == last]
+            shared = [n for n in endings if n.lower() == last]
             hint = f"; did you mean {shared[0]!r}, which blocks share?" if shared else ""
             raise BadInput(f"{where} {has} parameter {s.name!r}{hint or nearest(s.name, endings)}")
         if overruled:

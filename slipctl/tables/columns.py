@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from slipctl.block.units.unit_algebra import unit
 from slipctl.errors import BadInput
-from slipctl.tables.heads import is_unit, unit_in_name
+from slipctl.tables.heads import is_offset, is_unit, unit_in_name
 from slipctl.tables.table import Table
 
 
@@ -94,14 +94,14 @@ def unit_of_column(table: Table, column: str, told: str, wanted: str, notes: lis
         notes: a line is added where the name says it, or the head says what is not known.
 
     Raises:
-        BadInput: two that contradict each other, a unit that is not known.
+        BadInput: two that contradict each other, a unit that is not known, a scale with an offset.
     """
     head = table.units[column]
     where = f"{table.path}: {column}"
     if told:
         unit(told)
     if head and not is_unit(head):
-        if not told:
+        if not told or is_offset(head):
             _refuse_unknown(where, head)
         notes.append(
             f"{column} is read in {told}, as --map says; the unit {head!r} in its head is not known"

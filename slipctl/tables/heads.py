@@ -87,7 +87,7 @@ def name_and_unit(head: str) -> tuple[str, str]:
     head = " ".join(head.split())
     match = _BRACKETS.match(head)
     inner = re.fullmatch(r"(.+?)\s*\[([^\]]+)\]\s*(\S.*)", head)
-    if inner and is_unit(inner[2]):  # Speed [km/h] (raw)
+    if inner and is_unit(inner[2]) and inner[3][0] != "[":  # Speed [km/h] (raw)
         return f"{inner[1]} {inner[3]}", inner[2]
     if match and match[1].strip():
         said = next(g for g in match.groups()[1:] if g is not None).strip()

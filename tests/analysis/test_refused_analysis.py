@@ -24,7 +24,6 @@ from slipctl import (
     operating_point,
 )
 from slipctl.analysis.bounds import enclosure, fastest, largest_slope
-from slipctl.analysis.optimum import argmax_several
 
 HUMP = from_text("mu = c*x*exp(-x)/(1 + w) where x [1], w [1], c = 2")
 FLAT = from_text("mu = 0*x + 1 where x [1]")
@@ -85,10 +84,6 @@ REFUSED = {
     "rows": (lambda: argmax(rows, "x", lo=0, hi=1), "must be scalars|only a law of scalar"),
     "NaN": (lambda: argmax(from_text("y = log(x) where x [1]"), "x", lo=-2, hi=-1),
             "is NaN all over -2 to -1; give another range"),
-    "NaN of several": (
-        lambda: argmax_several(from_text("y = log(x) where x [1]"), {"x": (-2, -1)}),
-        "is NaN at every start"),
-    "no start": (lambda: argmax_several(HUMP, {"x": (0, 1)}, at={"w": 0}, starts=0), "starts"),
     "a name of the search": (lambda: argmax_block(named_so, "x", lo=-1, hi=1),
                              "named_so.hi is a name of the search itself; rename it"),
     "observer of a law": (lambda: luenberger(HUMP, poles=[-1]), "only a flow with states"),

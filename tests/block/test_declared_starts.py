@@ -53,3 +53,13 @@ def test_a_wildcard_reaches_every_part_in_whatever_order_they_stand(order):
     assert {n: float(v) for n, v in made.with_params(**{"*.k": 5.0}).param_values().items()} == {
         f"{n}.k": 5.0 for n in order
     }
+
+
+def test_a_range_that_is_given_anew_follows_no_parameter_any_more():
+    """The other end goes on following it; so do both where only the role changes."""
+    made = Output("N", lo="-k", hi="2*k").named("y")
+    assert {(b.what, b.expression) for b in made.bounds} == {("lo", "-k"), ("hi", "2*k")}
+    other = made.as_role("input", lo=-3.0)
+    assert {(b.what, b.expression) for b in other.bounds} == {("hi", "2*k")}
+    assert (other.role, other.lo) == ("input", -3.0)
+    assert made.as_role("input").bounds == made.bounds

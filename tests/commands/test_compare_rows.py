@@ -99,3 +99,18 @@ def test_runs_on_the_same_draws_are_compared_run_by_run(pairs):
 )
 def test_spreads_are_apart_where_they_do_not_touch(spreads, medians, beyond):
     assert compare._apart(*spreads, *medians) is beyond
+
+
+def test_sides_of_which_some_runs_alone_reach_a_metric_differ():
+    """Both medians are *never*, and one of three that stop there is not left out of the table."""
+    stop = {"none": [math.inf] * 3, "wsp": [math.inf, 560.0, math.inf]}
+    sides = [Side(n, metrics={"s/x": {"m": np.array(v)}}, draws=list("abc"))
+             for n, v in stop.items()]  # fmt: skip
+    row = compare._row(sides, ["s/x", "s/x"], "m")
+    assert row["difference"] == [0.0]
+    assert compare.tells_apart(row)
+    assert not compare.tells_apart(compare._row([sides[0]] * 2, ["s/x", "s/x"], "m"))
+    told = "\n".join(compare.metric_tables(["none", "wsp", "wsp"], {"metric": [
+        compare._row([*sides, sides[1]], ["s/x"] * 3, "m")]}))  # fmt: skip
+    assert "never (never .. never), 3 never" in told
+    assert "-inf" in told

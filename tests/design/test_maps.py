@@ -162,3 +162,17 @@ def test_one_verdict_of_several(verdicts: list[str], whole: str) -> None:
             self.report = type("Report", (), {"verdict": verdict})
 
     assert loop_verdict([Answer(v) for v in verdicts]) == whole  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("points", [2, 5, 9])
+def test_cells_of_a_picture_meet_half_way_between_points(points: int) -> None:
+    """In the middle on a straight scale, at the geometric mean on a logarithmic one."""
+    line, log = maps.Axis("a", 2.0, 6.0, "1"), maps.Axis("b", 1.0, 100.0, "1")
+    at, edges = line.values(points), maps._edges(line, points)
+    assert at == pytest.approx(np.linspace(2.0, 6.0, points))
+    assert edges[1:-1] == pytest.approx((at[1:] + at[:-1]) / 2)
+    assert (edges[0] + edges[1]) / 2 == pytest.approx(2.0)
+    at, edges = log.values(points), maps._edges(log, points)
+    assert at == pytest.approx(np.geomspace(1.0, 100.0, points))
+    assert edges[1:-1] == pytest.approx(np.sqrt(at[1:] * at[:-1]))
+    assert np.sqrt(edges[-1] * edges[-2]) == pytest.approx(100.0)

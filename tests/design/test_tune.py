@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from slipctl import BadInput, Ensemble, Gains, Known, Rail, Section, Signals, prepare, simulate
 from slipctl.commands.cli import main
-from slipctl.design import gain_files, gain_search, goals
+from slipctl.design import fronts, gain_files, gain_search, goals
 from slipctl.design.gain_search import Candidate, is_behind
 from slipctl.design.goals import Limit, Score, paired_difference, read_objective
 from slipctl.design.ranges import Free
@@ -406,3 +406,31 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     capsys.readouterr()
     assert main(["tune", "subway_braking:stb", *line[2:]]) == 2
     assert "did you mean 'sta'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("free", "goals", "runs", "wanted"),
+    [
+        ({"ctl.law.k1": (1, 60)}, "slip_error_rms", None, 250),
+        ({"ctl.law.k1": (1, 60), "ctl.law.k2": (1, 60)}, "slip_error_rms", None, 500),
+        ({"ctl.law.k1": (1, 60), "ctl.law.k2": (1, 60)}, ["slip_error_rms", "torque_ripple"],
+         None, 1000),
+        ({"ctl.law.k1": (1, 60)}, ["slip_error_rms", "torque_ripple"], 77, 77),
+    ],
+)  # fmt: skip
+def test_a_search_may_run_250_times_for_each_number_and_objective(
+    free, goals, runs, wanted, monkeypatch
+):
+    seen = []
+
+    def asked(self: Any) -> Any:
+        seen.append((type(self).__name__, self.runs, len(self.frees), len(self.objectives)))
+        raise BadInput("enough")
+
+    for kind in (gain_search.Search, fronts.FrontSearch):
+        monkeypatch.setattr(kind, "run", asked)
+    with pytest.raises(BadInput, match="enough"):
+        tuned(free=free, objective=goals, runs=runs)
+    several = isinstance(goals, list)
+    kind = "FrontSearch" if several else "Search"
+    assert seen == [(kind, wanted, len(free), len(goals) if several else 1)]

@@ -118,3 +118,19 @@ def test_a_law_with_derived_numbers_keeps_them():
     found = f(*(given.get(n[2:], p.get(n[2:], x.get(n[2:]))) for n in f.name_in()))
     mu = float(found[f.name_out().index("y_mu")])
     assert mu == pytest.approx(float(law(v_s=0.1, v=20.0)["mu"]), rel=1e-12)
+
+
+def test_each_mode_twists_in_its_shape():
+    """K x = w^2 M x for each, and the shapes are apart; the mode that turns is left out."""
+    train = Wheelset((40.0, 150.0, 130.0), (2e6, K_AXLE), (1, 2), LOAD, RADIUS)
+    K = np.array([[2e6, -2e6, 0], [-2e6, 2e6 + K_AXLE, -K_AXLE], [0, -K_AXLE, K_AXLE]])
+    M = np.diag([40.0, 150.0, 130.0])
+    modes = train.modes()
+    assert len(modes) == 2
+    assert 0 < modes[0].frequency < modes[1].frequency
+    for mode in modes:
+        w = 2 * pi * mode.frequency
+        assert K @ mode.shape == pytest.approx(w**2 * M @ mode.shape, rel=1e-8, abs=1e-4)
+        drive = LOAD * RADIUS**2 * (mode.shape[1] ** 2 + mode.shape[2] ** 2)
+        assert mode.critical_fall == pytest.approx(2 * 0.005 * w / drive, rel=1e-12)
+    assert modes[0].shape @ M @ modes[1].shape == pytest.approx(0, abs=1e-9)

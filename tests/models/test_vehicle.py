@@ -1,7 +1,6 @@
 """A vehicle from parts: its physics against closed forms and another integrator, its parts."""
 
 import os
-import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -43,8 +42,12 @@ from slipctl.models.vehicle import (
     loop,
     scenario,
 )
+from slipctl.models.vehicle.adhesion import rail_law
 from slipctl.models.vehicle.parts import SLIP_LAWS
 from slipctl.models.vehicle.plant import on_train
+from slipctl.models.vehicle.trip import best_of_rail
+from slipctl.models.wheel_rail.contact import patch
+from slipctl.models.wheel_rail.contact import peak as peak_at
 
 DRY = Track(sections=(Stretch(place=0.0, condition="dry"),))
 CAR = Vehicle(mass=38e3, inertia=110.0, speed=20.0)
@@ -409,19 +412,40 @@ def test_one_number_changes_everywhere():
 
 
 def test_polachs_law_is_of_the_wheel_that_it_carries():
-    """Where load and patch fit it runs; else both loads are told, and what is told is taken.
+    """Patch of the vehicle's own wheel, of a drawn mass too; another wheel's is refused.
 
     A quarter of 38 t rests on two wheels: 46598 N (9.81 m/s^2).
     """
-    laid = replace(DRY, law="polach")
-    with pytest.raises(BadInput, match=r"7.656e\+04 N is .* carries 4.66e\+04 N: set") as refused:
-        run(trip(rail=laid, duration=0.01))
-    told = dict(re.findall(r"(Q|\ba|\bb|c11)=([\d.]+\w*)", str(refused.value)))
-    assert told["Q"] == "46598N"
-    fits = {n: float(re.match(r"[\d.]+", v)[0]) for n, v in told.items()}
-    wet = {"k_A": 0.28, "mu_0": 0.128}
-    found = run(trip(rail=replace(laid, conditions={"dry": fits | wet}), duration=0.01))
-    assert float(found["plant.train.v"][-1]) < 20.0
+    laid = replace(DRY, law="polach", conditions={"dry": {"mu_0": 0.128}})
+    made = trip(rail=laid, duration=0.01)
+    assert float(run(made)["plant.train.v"][-1]) < 20.0
+    for mass in (38e3, 46e3):
+        values = loop(made, "none").with_params(m=mass).values_by_place()
+        fits = patch(mass * 9.81 / 8, 0.42)
+        for name, value in fits.items():
+            assert float(values[f"plant.train.adh.{name}"]) == pytest.approx(value, rel=1e-12)
+    other = replace(laid, conditions={"dry": {"Q": 76e3}})
+    with pytest.raises(BadInput, match=r"7.6e\+04 N is .* carries 4.66e\+04 N: set"):
+        run(trip(rail=other, duration=0.01))
+    measured = {n: 1.1 * v for n, v in patch(46598.0, 0.42).items()} | {"Q": 46598.0}
+    own = run(trip(rail=replace(laid, conditions={"dry": measured}), duration=0.01))
+    assert float(own["plant.train.v"][-1]) < 20.0
+
+
+def test_the_peak_of_a_law_that_depends_on_the_speed_is_that_of_each_tick():
+    """It was that at 10 m/s all the way, and a wheel used 102 % of it."""
+    laid = replace(DRY, law="polach", conditions={"dry": {}})
+    made = trip(rail=laid, duration=0.3)
+    log = run(made)
+    law, v = rail_law(made), np.asarray(log["plant.train.v"])
+    known = best_of_rail(made)
+    slip, peak = (known[f"rail.best_{n}"].values(log) for n in ("slip", "adhesion"))
+    for k in (0, len(v) // 2, len(v) - 1):
+        found = peak_at(float(v[k]), law.conditions["dry"], law)
+        assert peak[k] == pytest.approx(found.value, rel=2e-3)
+        assert law(v_s=float(slip[k, 0]), v=float(v[k]), **law.conditions["dry"])["mu"] == (
+            pytest.approx(found.value, rel=1e-3)
+        )
 
 
 def test_a_gated_block_begins_anew():
@@ -465,7 +489,7 @@ def test_a_law_on_the_train_is_odd_and_the_same_where_it_is_positive():
     ("change", "told"),
     [
         (lambda: Vehicle(speed=20.0, inertia=1.0), "neither mass nor tare"),
-        (lambda: replace(CAR, rotating_mass=0.08), "both of inertia"),
+        (lambda: replace(CAR, rotating_mass=0.08), "both are given"),
         (lambda: replace(CAR, radius=(0.4, 0.4)), "2 values for 4 axles"),
         (lambda: replace(CAR, driven=(1,)), "driven vehicle"),
         (lambda: replace(CAR, mass=-1.0), "outside"),

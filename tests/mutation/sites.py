@@ -18,7 +18,8 @@ COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
 CHANGED = (ast.BinOp, ast.Compare, ast.BoolOp, ast.UnaryOp, ast.Constant, ast.Call)
 WORDS = {"print", "warning", "info", "debug", "warn", "step"}
 """Calls whose arguments a person reads: another word there is no other behaviour."""
-
+EITHER_WAY = {"max", "min", "maximum", "minimum", "fmax", "fmin", "hypot", "logic_and", "logic_or"}
+"""Calls that give the same with their first two arguments the other way round."""
 
 REFUSING = ("check_", "_check", "refuse", "_refuse")
 """How the names of functions begin that refuse what they are given."""
@@ -96,7 +97,8 @@ def altered(node: ast.expr) -> Iterator[tuple[str, ast.expr]]:
     if isinstance(node, ast.Call) and len(node.args) > 1:
         named = getattr(node.func, "attr", getattr(node.func, "id", ""))
         first, second = node.args[:2]
-        if named not in WORDS and not any(isinstance(a, ast.Starred) for a in (first, second)):
+        same = named in WORDS or named in EITHER_WAY
+        if not same and not any(isinstance(a, ast.Starred) for a in (first, second)):
             yield "swapped", ast.Call(node.func, [second, first, *node.args[2:]], node.keywords)
     elif isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Slice):
         for end in ("lower", "upper"):

@@ -52,6 +52,12 @@ def known(
     return dict(v=-F / m), {}
 
 
+@law(mu=Output("1", "adhesion"))
+def level(v=Input("m/s", "speed"), h=Param("1", 0.2, "height", lo=1e-3)):
+    """Adhesion, its height by another name."""
+    return 0.1 * h * v
+
+
 SCENARIO = Scenario("s", 0.1, Rail([Section(0, "dry")]))
 
 
@@ -109,6 +115,25 @@ def test_what_has_two_meanings_or_none_is_not_judged():
     assert not warnings_of_run(twice, SCENARIO)
     alone = connect("l", {}, f=f)
     assert not warnings_of_run(alone.with_params(), Scenario("s", 0.1, inputs={"f.v": 1.0}))
+
+
+def test_what_has_the_name_and_another_unit_is_not_meant():
+    """The acceleration of a train was the truth of a slope called a, and its logarithm -inf."""
+
+    @law(F=Output("Pa", "pressure"), c=Output("m", "distance"))
+    def other(v=Input("m/s", "speed")):
+        """A pressure with the letter of a force."""
+        return {"F": 0 * v, "c": 0 * v}
+
+    f = ekf(known, "v", "F", prior=1.0, noise=1.0)
+    lines = warnings_of_run(loop(f=f, other=other), SCENARIO)
+    assert [line.partition(" away")[0] for line in lines] == [
+        "f.held_F begins at 0 N, plant.c.F at 156.96 N: 157 N"
+    ]
+    fit = rls(linear, period=H, spread=0.1)
+    wires = {f"{n}.v": "plant.v" for n in ("f", "other", "level")} | {"f.mu": "level.mu"}
+    blocks = {"plant": sampled(cart, H, "rk4"), "f": fit, "other": other, "level": level}
+    assert not warnings_of_run(connect("l", wires, **blocks), Scenario("s", 0.1))
 
 
 def test_two_estimators_are_not_each_others_truth():

@@ -320,6 +320,8 @@ def height(conditions: Any, section: Section) -> float:
         (["ctl.law.k1"], "write P=lo:hi:n"),
         (["ctl.law.k1=1:2:3:4"], "write P=lo:hi:n"),
         (["ctl.law.k1=2:1"], "is no range"),
+        (["plant.wheel.m=7:8t"], "has a unit at one end; write '7 t' or '7 kg'"),
+        (["plant.wheel.m=7t:8"], "has a unit at one end; write '8 t' or '8 kg'"),
         (["ctl.law.k1=1:2:x"], "is no number of values"),
         (["ctl.law.k1=1:2:1"], "is no number of values"),
         (["ctl.law.k1=a:2"], "is no number with a unit"),

@@ -73,7 +73,8 @@ def test_a_number_is_one_in_its_unit_and_range(name: str, f: Any) -> None:
     assert any("wanted is" in k for k in told({"a": 1}))
     inside = next((x for x in (lo, hi, 1.0) if math.isfinite(x)), 1.0)
     if unit != "1":
-        assert any("has no unit; write" in k for k in told(inside))
+        for bare in (inside, repr(inside)):
+            assert any("has no unit; write" in k for k in told(bare)), bare
     if whole and lo < hi:
         assert any("wanted is a whole number" in k for k in told(text(math.floor(inside) + 0.5)))
 

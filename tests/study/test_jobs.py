@@ -49,6 +49,29 @@ def test_every_job_is_done_and_failures_say_why(count: int) -> None:
         found["none"].get()
 
 
+@pytest.mark.parametrize("count", [1, pytest.param(2, marks=forked)])
+def test_how_far_each_job_is_is_told_with_its_name(count: int) -> None:
+    """In the order in which each says so; what is done meanwhile is done once."""
+
+    def work(tell, k):
+        for share in (0.25, 0.5):
+            tell(share + k)
+        return k
+
+    heard: dict[str, list[float]] = {"a": [], "b": []}
+    done = []
+    jobs = {"a": lambda tell: work(tell, 0), "b": lambda tell: work(tell, 8)}
+    with Cores(count) as cores:
+        found = dict(run_jobs(
+            jobs, cores, lambda name, share: heard[name].append(share), lambda: done.append(1)
+        ))  # fmt: skip
+    assert {k: v.get() for k, v in found.items()} == {"a": 0, "b": 8}
+    told = {name: [s for s in shares if s] for name, shares in heard.items()}
+    every = slice(None) if count == 1 else slice(1)  # another process says it now and then
+    assert (told["a"][every], told["b"][every]) == ([0.25, 0.5][every], [8.25, 8.5][every])
+    assert done == [1]
+
+
 @forked
 def test_jobs_of_jobs_share_the_cores(tmp_path: Path) -> None:
     """At no time more processes compute than there are cores."""

@@ -17,11 +17,16 @@ from slipctl.study.files import loop_files, trip_files
 STUDIES = ("subway_braking", "hst_braking", "freight_traction", "hst_traction", "predictive")
 
 
-@pytest.fixture
-def built(monkeypatch):
-    """Cases of each study are built once, not for each of its loops."""
+@pytest.fixture(scope="module")
+def once():
+    """Cases of a study as they come."""
     build = resolve.build_cases
-    once = cache(lambda name: build(resolve.load_study(name)))
+    return cache(lambda name: build(resolve.load_study(name)))
+
+
+@pytest.fixture
+def built(monkeypatch, once):
+    """Cases of each study are built once, not for each of its loops."""
     monkeypatch.setattr(resolve, "build_cases", lambda study, quick=False: once(study.name))
     return once
 
@@ -83,6 +88,7 @@ def test_what_is_edited_is_what_runs(tmp_path):
     assert not case.known, "the study's best adhesion is that of another rail"
 
 
+@pytest.mark.usefixtures("built")
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -96,6 +102,15 @@ def test_what_is_edited_is_what_runs(tmp_path):
         ("values.lam_opt", "values.lam_op", "lam_op"),
         ("gamma = 0.23", "gamma = -3", "outside|below|range"),
         ("seed = 1", "seeds = 1", "no key 'seeds'; did you mean 'seed'"),
+        (
+            "dry.plant.adh.a0",
+            "dry.plant.adh.a9",
+            r"rail.conditions.dry.plant.adh.a9: .*'plant.adh.a9'",
+        ),
+        ("wet.plant.adh.a1 = 24", 'wet.plant.adh.a1 = "24 m"#', "conditions.wet.plant.adh.a1: "),
+        ('plant.wheel.x = "0 m"', 'plant.wheel.x = "0 s"', "start.plant.wheel.x: .*another dimen"),
+        ('ctl.v_off = "1 m/s"', 'ctl.v_of = "1 m/s"', "controllers.eppfc.numbers.ctl.v_of: "),
+        ("values.lam_opt = 0.18", 'values.lam_opt = "1 m"#', r"rail.sections.0.values.lam_opt: "),
     ],
 )
 def test_each_slip_of_the_pen_is_told_with_its_line(old, new, said, tmp_path, eppfc):
@@ -104,6 +119,13 @@ def test_each_slip_of_the_pen_is_told_with_its_line(old, new, said, tmp_path, ep
         load(eppfc.replace(old, new, 1), tmp_path / "own.toml")
     first = str(error.value).partition("\n")[0]
     assert re.match(rf"{re.escape(str(tmp_path / 'own.toml'))}, line \d+: ", first)
+
+
+def test_the_bound_of_a_study_stands_beside_its_loop(eppfc):
+    """``ideal`` is what distances are compared with; alone it stands once."""
+    assert list(tomllib.loads(eppfc)["controllers"]) == ["eppfc", "ideal"]
+    alone = loop_files.loop_file_text("hst_braking:ideal", "own.toml")
+    assert list(tomllib.loads(alone)["controllers"]) == ["ideal"]
 
 
 @pytest.fixture(scope="module")

@@ -149,7 +149,11 @@ def test_show_and_certify_know_it(tmp_path, monkeypatch, capsys):
     [
         ('mass = "38 t" ', 'mass = "38 km" ', "another dimension"),
         ('mass = "38 t" ', "mass = 38 ", "38 has no unit; write '38 kg'"),
+        ('mass = "38 t" ', 'mass = "38000" ', "'38000' has no unit; write '38000 kg'"),
         ('mass = "38 t" ', 'mass = "-38 t" ', "outside"),
+        ('wheelbase = "2.1 m"', 'wheelbase = "2.1 m"\nplaces = ["0 m"]', "places tells it already"),
+        ('wheelbase = "2.1 m"', 'wheelbase = "2.1 m"\ncars = [{}]', "cars tells it already"),
+        ("leaves = { c = 0.09,", 'leaves = { c = "9 m",', "write for instance '9'"),
         ('mass = "38 t" ', 'masss = "38 t" ', "did you mean 'mass'"),
         ("axles = 4 ", "axles = 33 ", "outside 1 .. 32"),
         ("axles = 4 ", "axles = 3.5 ", "whole number"),

@@ -132,6 +132,14 @@ def test_it_is_read_right(what: str, tmp_path: Path) -> None:
     assert np.allclose(v, np.array(V) / 3.6, atol=0.0015)  # half a hundredth of a km/h
 
 
+@pytest.mark.parametrize("head", ["°C", "degC", "degF"])
+def test_a_temperature_is_no_speed_whatever_one_says_of_it(head: str, tmp_path: Path) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text(f"t [s];v [{head}]\n" + rows(plain), encoding="utf-8")
+    with pytest.raises(BadInput, match="offset"):
+        source_of(coasting, read_recording(file), coasting.states["v"], "v[m/s]")
+
+
 @pytest.mark.parametrize("what", REFUSED)
 def test_it_is_refused_with_row_and_cause(what: str, tmp_path: Path) -> None:
     text, said = REFUSED[what]

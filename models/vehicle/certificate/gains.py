@@ -25,6 +25,7 @@ import numpy as np
 
 from slipctl import BadInput, Block, Gains, Input, Output, Param, connect, law
 from slipctl.analysis.bounds import enclosure, largest_slope
+from slipctl.block.units.number_ranges import read_range
 from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.models.common_form import ADDED
 from slipctl.models.vehicle.adhesion import rail_law
@@ -123,8 +124,7 @@ def ranges(trip: Trip) -> tuple[Ranges, tuple[str, ...]]:
         ends = text.split(":")
         if len(ends) != 2:
             raise BadInput(f'ensemble.draw.{name}: {text!r} is no range; write "34 t:42 t"')
-        lo, hi = (parse_quantity(end, units[own], f"ensemble.draw.{name}") for end in ends)
-        numbers[own] = (lo, hi)
+        numbers[own] = read_range(ends[0], ends[1], units[own], f"ensemble.draw.{name}")
     for name, text in drawn.scale.items() if drawn else ():
         match = FACTOR.fullmatch(text)
         if match is None:

@@ -32,20 +32,19 @@ def with_keys(block: Block, gains: Collection[str]) -> Block:
         block: the control, its numbers set.
         gains: names of the law's own numbers that the file gives.
     """
-    found: dict[str, list[str]] = {}
+    found: dict[str, str] = {}
     for name, s in block.params.items():
         last = name.rpartition(".")[2]
         if s.derived or name.startswith("estimator."):
             continue
         if last in SAMPLE_TIMES and s.unit == "s":
-            found.setdefault("[control] period", []).append(name)
+            found[name] = "[control] period"
         elif last in KEYS and of_the_wheel(s, last):
-            found.setdefault(KEYS[last], []).append(name)
+            found[name] = KEYS[last]
         elif last in gains and name.startswith("law."):
-            found.setdefault("gains of the controller", []).append(name)
-    made, rebuild = block, block.composition.rebuild
-    for key, names in found.items():
-        made = made.with_source(f"the vehicle's file, {key}", *names)
+            found[name] = "gains of the controller"
+    made = block.with_sources({n: f"the vehicle's file, {key}" for n, key in found.items()})
+    rebuild = block.composition.rebuild
     if rebuild is None:
         return made
     return made.with_rebuild(lambda *parts: with_keys(rebuild(*parts), gains))

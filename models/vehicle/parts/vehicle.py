@@ -152,6 +152,9 @@ _LENGTHS = ("wheelbase", "bogie_centres", "wheelbase", "car_length")
 """What an axle's distance to the next one follows from, in turn."""
 
 
+_LENGTHS_OF_BOGIES = ("wheelbase", "bogie_centres", "car_length")
+"""What tells the places of the axles of a vehicle that has neither places nor cars."""
+
 AXLE_LOAD = (100.0, 5e4)
 """kg on an axle that its equations are for."""
 
@@ -167,7 +170,9 @@ class Vehicle(Part):
     mass: float | None = number("kg", None, "mass; or tare and load", lo=1e3, hi=1e8)
     tare: float | None = number("kg", None, "mass without load", lo=1e3, hi=1e8)
     load: float = number("kg", 0.0, "load, on top of tare", lo=0, hi=1e8)
-    cars: tuple[Car, ...] = text_field((), "cars one behind the other, instead of mass and places")
+    cars: tuple[Car, ...] = text_field(
+        (), "cars one behind the other, instead of mass and places", instead_of=_LENGTHS_OF_BOGIES
+    )
     axles: int = number(
         "1", None, "number of axles; none given: 4, or those of the cars", lo=1, hi=32
     )
@@ -177,8 +182,9 @@ class Vehicle(Part):
         "m", 18.0, "distance from one car to the next, for more than 4 axles", lo=1, hi=100
     )
     places: tuple[float, ...] | None = number(
-        "m", None, "distance of each axle behind the first, instead of the lengths", lo=0, hi=3000
-    )
+        "m", None, "distance of each axle behind the first, instead of the lengths", lo=0, hi=3000,
+        instead_of=_LENGTHS_OF_BOGIES,
+    )  # fmt: skip
     driven: tuple[int, ...] | None = number(
         "1", None, "numbers of the driven axles, 1 the first; none given: all", lo=1, hi=32
     )
@@ -234,8 +240,8 @@ class Vehicle(Part):
         else:
             yield from _mass_faults(self, "the vehicle")
         if (self.inertia is None) == (self.rotating_mass is None):
-            what = "neither" if self.inertia is None else "both"
-            yield "inertia", f"{what} of inertia and rotating_mass is given; write one of them"
+            given = "neither of them is" if self.inertia is None else "both are"
+            yield "inertia", f"write inertia or rotating_mass; {given} given"
         for name in ("places", "radius"):
             given = getattr(self, name)
             if isinstance(given, (list, tuple)) and len(given) != self.axles:

@@ -210,10 +210,7 @@ class Text:
         if op != "mul" or args[1] in self.g.letters:
             return False
         first, second = self.g.nodes[args[0]], self.g.nodes[args[1]]
-        return (
-            first.op == "const" and second.op == "log"
-            and math.isclose(first.value, 1 / math.log(10), rel_tol=1e-15)
-        )  # fmt: skip
+        return second.op == "log" and math.isclose(first.value, 1 / math.log(10), rel_tol=1e-15)
 
     # -- piecewise
 

@@ -383,7 +383,7 @@ def parse_quantity(text: str, wanted: str, where: str = "") -> float:
     if source.dims != target.dims:
         raise BadInput(
             f"{name}[{wanted}] cannot be {_cut(text)!r}: [{_composed(source)}] is another"
-            f" dimension; write for instance '{number} {wanted}'"
+            f" dimension; write for instance '{number}{'' if wanted == '1' else f' {wanted}'}'"
         )
     return float(Fraction(repr(value)) * _ratio(source, target))
 

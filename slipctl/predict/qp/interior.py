@@ -402,7 +402,7 @@ class Interior:
     def _statuses(self, stages: Any, last: Any) -> Any:
         """Statuses as the multipliers tell them, all stages in one column."""
         a = ca.SX.sym("a", 2 * self.m + 2 * self.mc)
-        l, s = a[: self.m], a[self.m : 2 * self.m]
+        l, s = a[: self.m], a[self.m :]
         on = [ca.if_else(l[i] > s[i], l[i], 0) for i in range(self.m)]
         nu, found = self.h.nu, [ca.SX(FREE)] * (self.h.nu - len(self.bounded))
         for i in self.bounded:

@@ -13,7 +13,7 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.shared_numbers import targets
-from slipctl.block.units.unit_algebra import parse_quantity
+from slipctl.block.units.number_ranges import read_range
 from slipctl.errors import BadInput, check_whole, nearest, refuse_unknown_choice
 from slipctl.run.rail import Scenario
 from slipctl.run.scenario_inputs import loop_at_start, rail_values
@@ -77,7 +77,7 @@ def read_axis(text: str, loop: Block, scenario: Scenario, door: str = "--vary") 
         signal = loop.declared(n)
         if signal.shape:
             raise BadInput(f"{door} {name}: {n} has several numbers, shape {signal.shape}")
-        ends.append((signal, [parse_quantity(p, signal.unit, name) for p in parts[:2]]))
+        ends.append((signal, read_range(parts[0], parts[1], signal.unit, name)))
     signal, (lo, hi) = ends[0]
     if not lo < hi:
         raise BadInput(f"{door} {text!r}: {lo:g} to {hi:g} is no range; write lo < hi")

@@ -11,6 +11,7 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.block.signals import Signal
 from slipctl.block.text.named_expressions import evaluate, names_in
+from slipctl.block.units.unit_algebra import read_unit
 from slipctl.run.rail import Scenario
 from slipctl.run.scenario_inputs import rail_values
 from slipctl.run.warnings.wheels import longest_span, watched_wheels
@@ -92,12 +93,31 @@ def warnings_of_loop(loop: Block, scenario: Scenario) -> list[str]:
 # ---- estimates -----------------------------------------------------------------------------------
 
 
-def meant_signal(loop: Block, name: str, own: set[str]) -> str | None:
-    """What an estimator means by a name: a shared number, or the one other signal that has it."""
+def meant_signals(loop: Block, s: Signal, text: str, own: set[str]) -> dict[str, str | None]:
+    """Signals that an estimate means by the names in what it says of its truth.
+
+    Args:
+        loop: in which it is. s: the estimate. text: one of ``s.truth``.
+        own: blocks of all estimates, whose signals are no truth.
+
+    Returns:
+        Full name by name; None where no signal has that name and unit, or more than one.
+    """
+    if text.isidentifier():
+        return {text: _meant(loop, text, own, s.unit)}
+    known = {**loop.params, **loop.outputs, **loop.states}
+    units = {n.rpartition(".")[2]: k.unit for n, k in known.items() if n.rpartition(".")[0] in own}
+    return {n: _meant(loop, n, own, units.get(n, "")) for n in names_in(text)}
+
+
+def _meant(loop: Block, name: str, own: set[str], unit: str) -> str | None:
+    """A shared number, or the one other signal of this name and unit; no held copy of an output."""
     if name in loop.params:
         return name
     for signals in (loop.states, loop.params, loop.outputs):
-        hits = [n for n in signals if n.endswith("." + name) and n.rpartition(".")[0] not in own]
+        hits = [n for n, s in signals.items() if n.endswith("." + name)
+                and n.rpartition(".")[0] not in own and ".held_" not in f".{n}"
+                and (not unit or read_unit(n, s.unit).same(read_unit(n, unit)))]  # fmt: skip
         if hits:
             return hits[0] if len(hits) == 1 and not _of_another_law(loop, hits[0], own) else None
     return None
@@ -123,7 +143,7 @@ def _judged(loop: Block) -> Iterator[tuple[str, Signal, dict[str, str]]]:
     estimates = {n: s for n, s in loop.states.items() if s.deviation and s.truth}
     own = {n.rpartition(".")[0] for n in estimates}
     for n, s in estimates.items():
-        names = {k: meant_signal(loop, k, own) for text in s.truth for k in names_in(text)}
+        names = {k: v for text in s.truth for k, v in meant_signals(loop, s, text, own).items()}
         if all(names.values()):
             yield n, s, {k: str(v) for k, v in names.items()}
 
@@ -190,7 +210,7 @@ def _estimated(loop: Block, s: Signal, text: str, name: str) -> str:
     if len(s.truth) > 1 or not text.isidentifier():
         return "adhesion curve"  # coordinates of a law that is fitted
     own = {n.rpartition(".")[0] for n in loop.states if loop.states[n].truth}
-    truth = meant_signal(loop, text, own)
+    truth = meant_signals(loop, s, text, own)[text]
     signal = (loop.outputs.get(truth) or loop.declared(truth)) if truth else None
     doc = signal.doc.partition(",")[0].rpartition(": ")[2] if signal else ""
     return doc or text

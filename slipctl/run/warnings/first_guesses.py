@@ -12,7 +12,7 @@ from slipctl.block.signals import Signal
 from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.run.rail import Scenario
 from slipctl.run.scenario_inputs import loop_at_start, rail_values
-from slipctl.run.warnings.doubts import meant_signal
+from slipctl.run.warnings.doubts import meant_signals
 
 ROUNDING = 1e-9
 """Share of the stated deviation by which a start may lie beyond it: roundings of both."""
@@ -26,8 +26,8 @@ def warnings_of_starts(loop: Block, scenario: Scenario, known: Known) -> list[st
     """Estimators that begin further off than the deviation that they state, one line each.
 
     An estimator's state says with ``truth`` what it estimates, in names of the rest of the loop:
-    those of its own block, and of other estimators, are not meant. What no name, or more than one,
-    tells is not judged.
+    those of its own block, and of other estimators, are not meant. What no name of that unit tells,
+    or more than one, is not judged.
 
     Args:
         loop, scenario: the run.
@@ -42,9 +42,7 @@ def warnings_of_starts(loop: Block, scenario: Scenario, known: Known) -> list[st
         return []
     own = {n.rpartition(".")[0] for n in judged}
     found = {
-        (n, text): {k: meant_signal(loop, k, own) for k in names_in(text)}
-        for n, s in judged.items()
-        for text in s.truth
+        (n, text): meant_signals(loop, s, text, own) for n, s in judged.items() for text in s.truth
     }
     told = {key: names for key, names in found.items() if all(names.values())}
     full = {str(k) for names in told.values() for k in names.values()}

@@ -191,9 +191,11 @@ def _carried(loop: Block, scenario: Scenario, log: Values) -> np.ndarray | None:
     )
     by_rail = rail_values(loop, scenario)[1]
     peak = np.zeros(section.shape)
+    names = {n: loop.sharing.aliases.get(f"{path}.{n}", f"{path}.{n}")
+             for n, s in law.params.items() if not s.derived}  # fmt: skip
     for k in np.unique(section):
-        own = {n: float(np.max(by_rail.get(f"{path}.{n}", {k: params[f"{path}.{n}"]})[k]))
-               for n, s in law.params.items() if not s.derived}  # fmt: skip
+        own = {n: float(np.max(by_rail[name][k] if name in by_rail else params[name]))
+               for n, name in names.items()}  # fmt: skip
         there = section == k
         peaks = Peaks(law, own, float(speed.max()))
         peak[there] = peaks.at(speed[there], fouled[there], clean[there])[1]

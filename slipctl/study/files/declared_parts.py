@@ -3,7 +3,8 @@
 Every fault of a table is found in one go, each with the path to where it stands. A field that is a
 number has ``metadata["unit"]``; its text is a number with a unit. A part of several kinds is a
 union of dataclasses that say with ``kind`` which they are. A field with ``metadata["rest"]`` takes
-the keys that no other field has. One with ``metadata["free"]`` is a table whose names only the
+the keys that no other field has; ``metadata["instead_of"]`` are keys that a file must not have
+beside it. One with ``metadata["free"]`` is a table whose names only the
 blocks know. ``metadata["key"]`` is the key of a field whose name Python keeps for itself, ``from``.
 """
 
@@ -18,7 +19,7 @@ from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from functools import lru_cache
 from typing import Any, Literal, Union, get_args, get_origin
 
-from slipctl.block.units.unit_algebra import parse_quantity
+from slipctl.block.units.unit_algebra import parse_quantity, split_quantity
 from slipctl.errors import BadInput, nearest
 
 Keys = tuple[str | int, ...]
@@ -98,6 +99,10 @@ class _Reader:
                 values[f.name] = self.value(hints(kind)[f.name], content[name], here, f, content)
             elif f.default is MISSING and f.default_factory is MISSING:
                 self.fault(keys, f"needs {name}{_example(f)}")
+        for name in known.keys() & content.keys():
+            for other in known[name].metadata.get("instead_of", ()):
+                if other in content:
+                    self.fault((*keys, other), f"{name} tells it already; leave one of both out")
         if rest is None:
             for k in extra:
                 self.fault((*keys, k), f"there is no key {k!r}{nearest(k, known)}")
@@ -185,7 +190,10 @@ class _Reader:
             return self.fault(keys, f"is {_shown(given)}, wanted is {_wanted(unit)}")
         if isinstance(given, str):
             try:
-                given = parse_quantity(given, unit)
+                value = parse_quantity(given, unit)
+                if unit != "1" and split_quantity(given)[1] is None:
+                    return self.fault(keys, f"{given!r} has no unit; write '{given} {unit}'")
+                given = value
             except BadInput as error:
                 if meta.get("by") and (each := _by(given, unit, meta["by"])) is not None:
                     if not (math.isfinite(each) and each >= meta.get("lo", -math.inf)):

@@ -65,7 +65,7 @@ def _wheels(run: Run, metrics: Mapping[str, Metric]) -> str:
     """How the wheels fared: locked, or how far they slipped."""
     lock, slip = metrics.get("lock_time"), metrics.get("slip_max")
     if run.slip_sign > 0 and lock is not None:
-        locked = float(lock.value or 0.0)  # type: ignore[arg-type]
+        locked = float(lock.value)  # type: ignore[arg-type]
         return f"wheels lock for {number(locked, 3)} s" if locked else "wheels never lock"
     if slip is None:
         return ""

@@ -1,0 +1,93 @@
+"""Which column is the time, in what unit, and from when on its clock counts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slipctl.errors import BadInput
+from slipctl.tables.table import read_table
+from slipctl.tables.times import seconds_of_table
+
+
+def times(tmp_path: Path, text: str, wanted: str = ""):
+    path = tmp_path / "log.csv"
+    path.write_text(text, encoding="utf-8")
+    table = read_table(path)
+    found, columns = seconds_of_table(table, wanted)
+    return found, columns, table.notes
+
+
+def rows(*columns, head: str) -> str:
+    return head + "\n" + "".join(";".join(map(str, r)) + "\n" for r in zip(*columns, strict=True))
+
+
+V = [5, 6, 7, 8]
+STEPS = np.array([0.0, 0.5, 1.0, 1.5])
+READ = {
+    "s in the head": (rows([10, 10.5, 11, 11.5], V, head="time [s];v"), "", ["time"], ""),
+    "ms in the head": (rows([0, 500, 1000, 1500], V, head="t [ms];v"), "", ["t"], ""),
+    "by its name": (rows([0, 500, 1000, 1500], V, head="time_ms;v"), "", ["time_ms"],
+                    "in ms by its name"),
+    "told": (rows([0, 500, 1000, 1500], V, head="k;v"), "k[ms]", ["k"], ""),
+    "told beside another": (rows([3, 2, 1, 0], [0, 0.5, 1, 1.5], head="time [s];mine"), "mine[s]",
+                            ["mine"], ""),
+    "no unit": (rows([0, 0.5, 1, 1.5], V, head="time;v"), "", ["time"],
+                "no unit in the head; read in s"),
+    "days": (rows([f"{45000 + s / 86400:.9f}" for s in STEPS], V, head="time;v"), "", ["time"],
+             "read in days, as spreadsheets"),
+    "since 1970": (rows([1700000000 + s for s in STEPS], V, head="time;v"), "", ["time"],
+                   "read in s since 1970, 2023-11-14 on"),
+    "ms since 1970": (rows([int(1700000000000 + 1000 * s) for s in STEPS], V, head="time;v"), "",
+                      ["time"], "read in ms since 1970, 2023-11-14 on"),
+    "a clock": (rows(["23:59:59.0", "23:59:59.5", "00:00:00.0", "00:00:00.5"], V, head="time;v"),
+                "", ["time"], "the clock passes midnight in line 4"),
+    "the hour": (rows(["59:59.0", "59:59.5", "00:00.0", "00:00.5"], V, head="time;v"), "", ["time"],
+                 "the clock passes the full hour in line 4"),
+    "day and clock": (rows(["1.5.2024"] * 4, ["10:00:00.0", "10:00:00.5", "10:00:01", "10:00:01.5"],
+                           head="date;time"), "", ["time", "date"], "times are date and time"),
+    "by its unit": (rows(V, [0, 500, 1000, 1500], head="v [m/s];stamp [ms]"), "", ["stamp"],
+                    "stamp is taken for the time"),
+    "one of two that agree": (rows([0, 0.5, 1, 1.5], [0, 500, 1000, 1500], head="time [s];time_ms"),
+                              "", ["time"], ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", READ)
+def test_the_time_is_found_and_counts_in_seconds_from_the_first_row(what, tmp_path):
+    text, wanted, columns, said = READ[what]
+    found, used, notes = times(tmp_path, text, wanted)
+    assert found == pytest.approx(STEPS, abs=2e-4)
+    assert used == columns
+    assert not said or any(said in line for line in notes), notes
+
+
+def test_a_row_without_a_time_has_none(tmp_path):
+    for cells in (["0", "", "1", "1.5"], ["10:00:00", "", "10:00:01", "10:00:01.5"]):
+        found, *_ = times(tmp_path, rows(cells, V, head="time [s];v"))
+        assert np.isnan(found[1])
+        assert found[[0, 2, 3]] == pytest.approx(STEPS[[0, 2, 3]])
+
+
+REFUSED = {
+    "none": (rows(V, V, head="v;w"), "", "has no column of times; say which by --time COLUMN"),
+    "two units": (rows([0, 1], [1, 2], head="time_ms [s];v"), "",
+                  "time_ms is in two units: its head s and its name ms"),
+    "told another": (rows([0, 1], [1, 2], head="time [s];v"), "time[ms]", "is in two units"),
+    "no unit of time": (rows([0, 1], [1, 2], head="k;v"), "k[km]", "which is no unit of time"),
+    "two that differ": (rows([0, 1, 2, 3], [0, 1, 4, 9], head="mark [s];stamp [s]"), "",
+                        "may both be the time, and they differ"),
+    "long steps": (rows([0, 500, 1000], [1, 2, 3], head="time;v"), "",
+                   "has no unit, and s would be 500"),
+    "a clock in ms": (rows(["10:00:00", "10:00:01"], [1, 2], head="time [ms];v"), "",
+                      "is told in ms, but '10:00:00' in line 2 is no number"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_times_that_cannot_be_told_are_refused(what, tmp_path):
+    text, wanted, said = REFUSED[what]
+    with pytest.raises(BadInput, match=said):
+        times(tmp_path, text, wanted)
