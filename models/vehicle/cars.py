@@ -1,4 +1,4 @@
-"""What a vehicle has by its cars: loads of the axles, the load that moves, brake pads."""
+"""What a vehicle has by its cars: loads of the axles, the load that moves, pads, torsion."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from slipctl import Block, Input, Output, Param, State, make_block, replicate
 from slipctl.models.brake_pads import MATERIALS, pad
 from slipctl.models.common_form import T_S
 from slipctl.models.vehicle.parts import Vehicle
+from slipctl.models.wheel_rail.torsion import Wheelset
 
 ADDED = "of the vehicle"
 
@@ -43,6 +44,21 @@ def masses_of_axles(vehicle: Vehicle) -> dict[str, Any]:
     if len(set(carried)) == 1:
         return found | {"m_axle": carried[0]}
     return found | {"share": np.array(carried) / vehicle.total}
+
+
+def wheelset_that_twists(vehicle: Vehicle) -> Wheelset | None:
+    """A driven wheelset with its shafts: rotor, wheel, wheel; None where wheelsets are rigid."""
+    part = vehicle.torsion
+    if part is None:
+        return None
+    first = vehicle.worked[0]
+    rotor = part.rotor or 0.0
+    wheel = (vehicle.inertias[first] - rotor) / 2
+    load, radius = vehicle.carried[first] * vehicle.gravity / 2, vehicle.radii[first]
+    if part.rotor is None or part.shaft is None:
+        return Wheelset((wheel, wheel), (part.stiffness,), (0, 1), load, radius, part.damping)
+    inertias, shafts = (rotor, wheel, wheel), (part.shaft, part.stiffness)
+    return Wheelset(inertias, shafts, (1, 2), load, radius, part.damping)
 
 
 def pads_of_axles(vehicle: Vehicle) -> Block | None:

@@ -166,7 +166,7 @@ def _axles(
         omega = if_else(a.taken, a.omega, s["omega_h"][a.k])
         rows.append(dict(
             omega_h=omega, out=a.out, good=good, radius=a.radius, learnt=a.learnt, mean=a.mean,
-            still=if_else(logic_or(wrong, a.dead), 0, a.still), doubt=a.doubted, ban=ban,
+            still=if_else(logic_or(wrong, a.dead), 0, a.still), doubt=a.doubted, ban=ban, up=a.up,
             torque=a.modelled, odd=a.odd,
         ))  # fmt: skip
         told.append(dict(

@@ -33,9 +33,15 @@ from slipctl.models.brakes import brake, brake_gain, dynamic_brake, sum_of_torqu
 from slipctl.models.common_form import T_S
 from slipctl.models.shared_names import SLOPE
 from slipctl.models.vehicle.air.pneumatics import cylinder, magnet_valves, reservoir
-from slipctl.models.vehicle.cars import load_transfer, masses_of_axles, pads_of_axles
+from slipctl.models.vehicle.cars import (
+    load_transfer,
+    masses_of_axles,
+    pads_of_axles,
+    wheelset_that_twists,
+)
 from slipctl.models.vehicle.parts import Actuator, Air, Lag, Valve, Vehicle
 from slipctl.models.wheel_rail.axles import Axles, rolling
+from slipctl.models.wheel_rail.twisting_wheelsets import law_on_two_wheels, train_that_twists
 from slipctl.models.zhang_2021.ep_valve import air_brake, dead_time, ep_valve
 from slipctl.models.zhang_2021.hst_braking import davis
 
@@ -262,10 +268,13 @@ def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None
     axles = Axles((1,) * n, vehicle.behind, tuple(driven and k in worked for k in range(n)))
     r: Any = np.array(vehicle.radii) if "r" in apart else vehicle.wheel_radius
     law_ = adhesion if field is not None else on_train(adhesion)
+    twists = wheelset_that_twists(vehicle)
+    law_ = law_on_two_wheels(law_) if twists else law_
     train = rolling(law_, axles, T_S, apart=apart, standing=True).with_params(
         m=vehicle.total, r=r, **masses_of_axles(vehicle), g=vehicle.gravity, B_t=0.0,
         v=vehicle.speed,
     )  # fmt: skip
+    train = train_that_twists(train, twists, worked) if twists else train
     brakes, commands = ({"act": replicate(actuator(part), many)}, {"act.T_cmd": "T_cmd"}) if (
         not isinstance(part, Air)) else _air(part, vehicle, many)  # fmt: skip
     c0, c1, c2 = vehicle.resistance.of(vehicle.total)

@@ -18,7 +18,14 @@ from slipctl.certify.enclosure import enclose
 from slipctl.models.common_form import T_S, Wheel
 from slipctl.models.ranges import FLAG, of_those
 from slipctl.models.vehicle.failure import BEHIND, MEASURED
-from slipctl.models.vehicle.measurement.axle_samples import AGAIN, DOUBT, NEVER, TEST, WORN
+from slipctl.models.vehicle.measurement.axle_samples import (
+    AGAIN,
+    DOUBT,
+    NEVER,
+    SPEAKS,
+    TEST,
+    WORN,
+)
 from slipctl.models.vehicle.measurement.believed_speed import DRAG
 from slipctl.models.vehicle.parts import (
     Air,
@@ -89,6 +96,7 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
            for n in ("out", "good", "still", "odd", "off", "on", "back", "age", "demand_out",
                      "let_go")},
         "trust.ban": (0, 10, "it is set to that"),
+        "trust.up": (0, SPEAKS, "it is set to that"),
         "trust.rest": (0, 10, "it is set to that"),
         "trust.given_h": speed,
         "trust.lead_h": (-rim, rim, "a wheel that spins free"),

@@ -20,7 +20,8 @@ LAYER = ("recovered", "height")
 class Peaks:
     """Best slip and peak of a law from ``v_s`` and ``v`` to ``mu``, traction positive.
 
-    A law with the inputs of a layer is (1 - recovered) height fouled + recovered clean.
+    A law with the inputs of a layer is (1 - recovered) height fouled + recovered clean. Its other
+    inputs have a value of their own.
 
     Args:
         law: the law.
@@ -33,7 +34,7 @@ class Peaks:
         self.shares = SHARES if set(LAYER) <= set(law.inputs) else SHARES[-1:]
         s, v, share = (ca.SX.sym(name) for name in ("s", "v", "share"))
         u = {"v_s": -s, "v": v, "height": 1.0, "recovered": share}
-        given = {n: u[n] for n in law.inputs}
+        given = {n: u.get(n, k.value) for n, k in law.inputs.items()}
         mu = law.expr({}, given, law.param_values(**numbers))[1]["mu"]
         curve = ca.Function("curve", [s, v, share], [-mu])
         slips = np.geomspace(1e-3, 1.0, 400)[:, None] * self.speeds  # slip by speed

@@ -42,7 +42,7 @@ class Signals:
         air_left: gauge pressure of their reservoir in Pa.
         valve_changes: changes of the valves of each axle so far.
         pressure: of each brake cylinder, in Pa.
-        holding, venting: bits of its two valves, each 1 while energised.
+        holding, venting: bits of its two valves, each 1 while energized.
         mark: place that the vehicle may not pass, in m.
         mirrored: whether the slip is that of driven wheels seen as braked ones.
     """

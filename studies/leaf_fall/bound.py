@@ -1,8 +1,10 @@
 """The least distance that physics allows: slips held exactly, of every axle at each place.
 
 No controller of the study can brake by more than the demand, nor before the cylinders are full. So
-the bound begins where they are full, at the speed that the train has there. Its wheels have no
-inertia: in truth a brake has to stop them too, 4 % of the demand, so it is a little too short.
+the bound begins where they are full, at the speed that the train has there. A brake stops its
+wheels too, so that much less of the demand reaches the rail. No cylinder is vented or filled, and
+no wheel takes time to slow down or to run up. One that runs up again behind the leaves pushes the
+train by what it has lost before: less than 2 m, which the bound does not have.
 """
 
 from __future__ import annotations
@@ -50,10 +52,11 @@ def sliding_train(trip: Trip, begin: Begin, slip: float = LIMIT) -> SlidingTrain
     stretches = tuple((p.begin - begin.place, p.end - begin.place) for p in layer.places) or None
     leaves = falling_creep.with_params(**falling_creep.conditions[layer.condition])
     c0, _, c2 = vehicle.resistance.of(vehicle.total)
+    wheels = vehicle.wheel_inertia / trip.one_radius**2 / AXLE
     return SlidingTrain(
         leaves, falling_creep, vehicle.behind, load=AXLE * vehicle.gravity / 2, tau=layer.tau,
         layers=layer.layers, stretches=stretches, slip=slip,
-        most=FORCE / (AXLE * vehicle.gravity),
+        most=FORCE / (AXLE * vehicle.gravity) / (1 + wheels),
         resistance=(c0 / vehicle.total, c2 / vehicle.total), gravity=vehicle.gravity,
     )  # fmt: skip
 

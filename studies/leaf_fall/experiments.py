@@ -77,7 +77,7 @@ def bound(context: Context) -> dict[str, Table]:
                 "stopping distance": ("m", rows["distance"]),
                 "largest energy into a contact": ("N", rows["t_gamma"]),
             },
-            "No valves, no estimate, no wheel inertia; from where the cylinders are full.",
+            "No valves, no estimate; from where the cylinders are full.",
         ),
         "least": Table(
             "Least stopping distance over the slips of all axles at all places",

@@ -215,6 +215,44 @@ def test_no_axle_is_let_go_for_that_while_more_than_half_slide():
     assert not sliding_alone(3)[1]["test"].any()
 
 
+def held_at_four_percent(demand: float) -> tuple[Car, np.ndarray]:
+    """All wheels of a car slip by 4 % from .5 s on, braked by 4 kN m of what is demanded."""
+    car = Car([4e3] * 4000)
+    slip = np.clip((np.arange(4000) - 500) / 500, 0, 1)[:, None] * 0.04
+    car.omega *= 1 - slip
+    car.T_demand[:] = demand
+    return car, car.v.copy()
+
+
+def test_wheels_that_slip_control_holds_do_not_pull_the_speed_down():
+    """Those that carry their demand do: they are taken for wheels that roll."""
+    car, true = held_at_four_percent(8e3)
+    car.v[1200:] = math.nan
+    assert np.abs(car.judged()["v"] - true).max() < 0.2
+    car, true = held_at_four_percent(4e3)
+    car.v[1200:] = math.nan
+    assert car.judged()["v"][-1] < true[-1] - 0.4
+
+
+@pytest.mark.parametrize("released", [True, False])
+def test_an_axle_that_ran_up_speaks_for_a_speed_that_jumps_to_its_own(released):
+    """A jump alone is a broken sensor."""
+    car, true = held_at_four_percent(8e3)
+    car.omega[:1000] = 0.96 * true[:1000, None] / R  # from the start, so that no radius is learnt
+    car.v[:2900] -= 0.7
+    if released:
+        car.given = np.full((4000, 4), 4e3)
+        car.given[2500:, 3] = 0.0
+        for k in range(2500, 4000):
+            car.T_b[k, 3] = car.T_b[k - 1, 3] * (1 - H / 0.06)
+        car.omega[2700:, 3] = np.minimum(car.omega[2700:, 3] + 5.0 * H / R * np.arange(1300),
+                                         true[2700:] / R)  # fmt: skip
+    got = car.judged(start=15.3)
+    assert got["v_ok"][2890] == 1
+    assert (got["v_ok"][3200] == 1) == released
+    assert (abs(got["v"][3200] - true[3200]) < 0.05) == released
+
+
 def test_a_dead_wheel_speed_is_held_and_then_not_gone_by():
     car = Car([4e3] * 1600)
     car.omega[500:1500, 0] = math.nan

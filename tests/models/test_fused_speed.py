@@ -122,7 +122,7 @@ def test_axles_are_let_go_one_after_the_other_while_wheels_slide_and_not_else():
     free = outputs(block, common | {"T_b": part})["free"]
     assert (free.sum(axis=0) <= 1).all()
     at = np.flatnonzero(np.diff(free.sum(axis=0), prepend=0) > 0)
-    assert free[:, at].argmax(axis=0).tolist() == [0, 1, 2, 0][: len(at)]
+    assert free[:, at].argmax(axis=0).tolist() == [2, 1, 0, 2][: len(at)]
     np.testing.assert_allclose(np.diff(at), 200, atol=3)
     np.testing.assert_allclose(free.sum() / len(at), 50, atol=2)
     assert not outputs(block, common | {"T_b": part, "v": np.full(900, 2.0)})["free"].any()
@@ -151,7 +151,7 @@ def sliding(speed, bias=0.0, let_go=1.0):
 
 @pytest.mark.long
 def test_a_slip_that_is_held_on_all_axles_stops_as_with_the_true_speed():
-    """4 axles, bias .05 m/s^2: 6 % longer at most. 8 axles, bias +-.1: 832.4, 828.6 for 824.1 m."""
+    """4 axles, bias .05 m/s^2: 6 % longer at most. 8 axles, bias +-.1: 834.3, 833.5 for 824.1 m."""
     true = end_of(sliding(Exact()), "sta")
     assert end_of(sliding(Fused(), 0.05), "sta") < 1.06 * true
 

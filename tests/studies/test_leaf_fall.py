@@ -8,20 +8,23 @@ import numpy as np
 import pytest
 
 from slipctl import Context, argmax
-from slipctl.models.vehicle import Contamination
+from slipctl.models.vehicle import Contamination, case
 from slipctl.models.vehicle.adhesion import contaminated_law, rail_law
 from slipctl.models.wheel_rail.sliding_train import stop
 from slipctl.studies.leaf_fall import experiments, figures, study
 from slipctl.studies.leaf_fall.bound import RULES, sliding_train
 from slipctl.studies.leaf_fall.experiments import begin_of, draws_table, limits_table
 from slipctl.studies.leaf_fall.loops import ENSEMBLE, cases
+from slipctl.studies.leaf_fall.outcomes import outcome
 from slipctl.studies.leaf_fall.trains import (
     AXLE,
     FORCE,
+    INERTIA,
     LIMIT,
     MEDIUM,
     PATCH,
     PATCHES,
+    RADIUS,
     RIVALS,
     WEAK,
     trip,
@@ -51,9 +54,12 @@ def test_without_leaves_the_bound_is_the_closed_form():
     rail = replace(clean.rail, contamination=Contamination(condition="clean"))
     train = sliding_train(replace(clean, rail=rail), begin := begin_of(8))
     found = stop(train, RULES["best of the train"](train), begin.speed, cell=0.25)
-    a, d = FORCE / AXLE + 0.012, 2e-5
+    a, d = FORCE / AXLE / (1 + INERTIA / RADIUS**2 / AXLE) + 0.012, 2e-5
     exact = np.log1p(d * begin.speed**2 / a) / (2 * d)
     assert found.distance == pytest.approx(exact, rel=1e-4)
+    made = replace(clean, rail=rail, controllers={"none": RIVALS["none"]})
+    run = outcome(made, case(made).loops["none"], case(made).scenario, True)["stopping_distance"]
+    assert begin.place + found.distance == pytest.approx(run, rel=1e-3)
 
 
 @pytest.mark.long
@@ -96,9 +102,9 @@ def test_scenarios_differ_in_their_leaves_alone():
     base, medium, clean = cases({}, False)
     assert (base.clean, medium.clean, clean.clean) == ("clean", "clean", "")
     assert medium.scenario.params["plant.field.tau"] == MEDIUM > WEAK
-    for case in (medium, clean):
-        assert list(case.loops) == list(RIVALS)
-        assert case.scenario.rail == base.scenario.rail
+    for one in (medium, clean):
+        assert list(one.loops) == list(RIVALS)
+        assert one.scenario.rail == base.scenario.rail
     loop = base.loops["none"]
     assert float(loop.values_by_place()["plant.field.tau"]) == WEAK
 

@@ -46,6 +46,9 @@ RUNS_UP = 2.0
 AGAIN = 60.0
 """Seconds for which an axle that ran up is not asked again: on leaves leading axles slide alone."""
 
+SPEAKS = 1.0
+"""Seconds for which an axle that was let go and ran up speaks for a speed like its own."""
+
 
 def all_hold(conditions: Sequence[Any]) -> Any:
     """Whether all conditions hold."""
@@ -78,6 +81,7 @@ def axle_signals(n: int) -> list[Signal]:
         learnt=State("s", 0.0, "time that it was learnt in", shape=each),
         mean=State("rad/s", "omega_start", "wheel speed, filtered", shape=each),
         still=State("s", 0.0, "time that a wheel let go has not run up in", shape=each),
+        up=State("s", 0.0, "time left in which one that has run up speaks", shape=each),
         doubt=State("s", 0.0, "time that it has been sliding alone; below 0 after it ran up",
                     shape=each),
         ban=State("s", 0.0, "time for which its speed is not to be believed", shape=each),
@@ -140,6 +144,11 @@ class AxleSample:
         slowed = if_else(out >= NEVER, turn * self.omega, s["mean"][k])
         self.mean = slowed + fmin(s["T"] / 0.1, 1) * (turn * self.omega - slowed)
         self.gain = s["r"] * (turn * self.omega - self.mean) / 0.1
+        runs_up = all_hold([self.candidate, self.free, self.gain > RUNS_UP])
+        self.up = if_else(runs_up, SPEAKS, fmax(s["up"][k] - s["T"], 0))
+        self.ran_up = all_hold([self.candidate, self.up > 0, self.gain <= RUNS_UP])
+        top = clip_to_range(s["T_demand"], 0, s["T_max"])
+        self.demanded = s["T_cmd"][k] >= 0.9 * top
 
     def _can_be(self, raw: Any, last: Any, out: Any) -> Any:
         """Whether a wheel can have that speed, so long after the last one that was believed."""

@@ -104,13 +104,18 @@ class VehicleSpeed:
         self._pace(fmax(pull, 0), turn * (s["given_h"] - self.given), -turn * rims)
         self.beside = self.given - self.predicted
         self.wheels = if_else(self.count >= 1, self.lead - self.predicted, 0)
+        # axles below their demand slide on purpose: they may hold the speed up, not pull it down
+        roll = sum(logic_and(a.candidate, a.demanded) for a in axles)
+        self.rolling = logic_or(roll >= fmin(self.count, 2), turn * self.wheels > 0)
         sure = reduce(fmin, [s["learnt"][a.k] for a in axles])
         ahead = turn * (self.lead - self.given)
         passed = logic_and(self.count >= 2, ahead > if_else(sure >= SETTLED, 0.03, WORN)
                            * self.speed + 0.6)  # fmt: skip
         self.apart = fabs(self.beside) > self.gate
         level = fabs(self.given - self.lead) <= self.gate
-        self.alike = all_hold([self.seen, self.count >= 2, level])
+        up = reduce(logic_or, [logic_and(a.ran_up, fabs(self.given - a.speed) <= self.gate)
+                               for a in axles])  # fmt: skip
+        self.alike = all_hold([self.seen, logic_or(logic_and(self.count >= 2, level), up)])
         # wheels and sensor together are right against the prediction, whatever made it wrong
         self.near = all_hold([self.seen, logic_or(logic_not(self.apart), self.alike),
                               logic_not(passed), logic_not(self.frozen)])  # fmt: skip
@@ -174,13 +179,14 @@ class VehicleSpeed:
     def believe(self, wrong: Any) -> Any:
         """The speed that is believed; ``wrong``: wheels that are let go show that it is not."""
         s, T, turn = self.s, self.s["T"], self.turn
-        alike = all_hold([self.count >= 1, self.near,
+        alike = all_hold([self.count >= 1, self.near, self.rolling,
                       fabs(self.given - self.lead) <= self.gate + 0.01 * self.speed])  # fmt: skip
         middle = if_else(alike, (self.beside + self.wheels) / 2, self.beside)
         by_sensor = middle * fmin(T / if_else(alike, 0.3, 1.5), 1)
         ahead = turn * self.wheels
         near = -ahead <= 0.05 * self.speed + 0.3
-        down = fmax(ahead, -T * if_else(near, 0.5, 0.05))
+        pull = if_else(self.rolling, if_else(near, 0.5, 0.05), 0)
+        down = fmax(ahead, -T * pull)
         by_wheels = turn * if_else(ahead > 0, fmin(ahead, 20 * T), down)
         self.now = logic_and(self.v_ok > 0.5, self.near)
         by_sensor = if_else(self.apart, self.beside, by_sensor)

@@ -49,5 +49,6 @@ from slipctl.models.vehicle.parts.sensors import (
     ToothWheel,
     WheelsOnly,
 )
+from slipctl.models.vehicle.parts.torsion import Torsion
 from slipctl.models.vehicle.parts.trip import Assumed, Drawn, DrawnPatches, Limits, Trip
 from slipctl.models.vehicle.parts.vehicle import Car, Davis, Vehicle

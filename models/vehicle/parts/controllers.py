@@ -261,8 +261,8 @@ class ScheduledPI(Part):
     """PI slip control, its gain by the speed, its integral bounded by what can be applied."""
 
     kind: Literal["pi"] = "pi"
-    K: float = number("1/s", 3.0, "gain at and above the speed `full`", lo=0.01, hi=1e3)
-    integral: float = number("s", 1.0, "integral time", lo=0.01, hi=100)
+    K: float = number("1/s", 8.0, "gain at and above the speed `full`", lo=0.01, hi=1e3)
+    integral: float = number("s", 0.4, "integral time", lo=0.01, hi=100)
     follow: float = number(
         "s",
         0.2,

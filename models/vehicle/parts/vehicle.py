@@ -10,6 +10,7 @@ from typing import Literal
 from slipctl.models.vehicle.parts.added_brakes import DynamicBrake, TrackBrake
 from slipctl.models.vehicle.parts.declaration import Fault, Part, number, text_field
 from slipctl.models.vehicle.parts.pads import Pads
+from slipctl.models.vehicle.parts.torsion import Torsion
 from slipctl.models.wheel_damage import HALF_LENGTH, PATCH
 from slipctl.study.files.declared_parts import Each
 
@@ -212,6 +213,7 @@ class Vehicle(Part):
     dynamic_brake: DynamicBrake | None = text_field(
         None, "motors that brake first, the actuator the rest; none given: the actuator alone"
     )
+    torsion: Torsion | None = text_field(None, "wheelsets that twist; none given: they are rigid")
     patch: float = number(
         "m^2", PATCH, "area of the contact patch of a wheel, for wear and heat", lo=1e-6, hi=1e-3
     )
@@ -248,6 +250,12 @@ class Vehicle(Part):
             yield "places", "must begin with 0 m and rise from axle to axle"
         if isinstance(self.radius, (int, float)) or len(self.radius) == self.axles:
             yield from self._impossible()
+        if self.torsion is not None and len(self.radii) == self.axles == len(self.inertias):
+            worked = [k for k in self.worked if k < self.axles]
+            yield from self.torsion.faults_of_vehicle(
+                self.mode == "drive", [self.inertias[k] for k in worked],
+                [self.radii[k] for k in worked],
+            )  # fmt: skip
         if self.mode == "drive" and any(self.each_pads):
             yield "pads", "are of a braked vehicle; leave them out of a driven one"
         for name in ("track_brake", "dynamic_brake"):

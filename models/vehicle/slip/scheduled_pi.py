@@ -13,6 +13,7 @@ from slipctl import Input, Output, Param, State, step
 from slipctl.models.common_form import ADDED, T_S
 
 PROPOSED = "a proposal; slipctl tune finds better ones"
+TUNED = "from slipctl tune, on leaves and behind valves; see docs/slide_protection.md"
 
 
 @step(T_wanted=Output("N m", "torque that it wants", positive="braking", lo=-1e9, hi=1e9))
@@ -24,8 +25,8 @@ def scheduled_pi(
     v_best=Input("m/s", "slip to go to", positive="braking", per="speed"),
     T=Input("N m", "torque at the wheel, as measured", positive="braking"),
     T_top=Input("N m", "most that may be applied", positive="braking"),
-    K=Param("1/s", 3.0, "gain at the speed v_n and above", PROPOSED, lo=0.01, hi=1e3),
-    T_i=Param("s", 1.0, "time of the integral", PROPOSED, lo=0.01, hi=100),
+    K=Param("1/s", 8.0, "gain at the speed v_n and above", TUNED, lo=0.01, hi=1e3),
+    T_i=Param("s", 0.4, "time of the integral", TUNED, lo=0.01, hi=100),
     T_t=Param("s", 0.2, "time in which the integral follows a limit", PROPOSED, lo=0.01, hi=100),
     v_n=Param("m/s", 25.0, "speed from which on the gain is K", PROPOSED, lo=1, hi=100),
     least=Param("1", 0.2, "least share of K", PROPOSED, lo=0.01, hi=1),

@@ -126,7 +126,7 @@ def turns(axles: int) -> Block:
     def letting(
         clock=State("s", 0.0, "time of sliding since an axle was let go", lo=0, hi=1e3),
         left=State("s", 0.0, "time for which one still is", lo=0, hi=1e3),
-        axle=State("1", 0.0, "which, from 0", lo=0, hi=axles),
+        axle=State("1", axles - 1.0, "which, from 0", lo=0, hi=axles - 1),
         v=Input("m/s", "vehicle speed that is believed"),
         T_b=Input("N m", "torque", shape=(axles,), positive="braking"),
         T_demand=Input("N m", "torque that is demanded", positive="braking"),
@@ -136,13 +136,17 @@ def turns(axles: int) -> Block:
         v_least=Param("m/s", 3.0, "speed below which none is", ADDED, lo=0, hi=50),
         T=Param("s", T_S, "sample period", ADDED, lo=1e-6, hi=0.1),
     ):  # fmt: skip
-        """Where an axle has less than its demand, wheels slide; then the next axle is let go."""
+        """Where an axle has less than its demand, wheels slide; then the next axle is let go.
+
+        The last one is first: it slips least, so it has run up soonest, and none behind it misses
+        what it cleans.
+        """
         top = fmin(fmax(T_demand, 0), T_max)
         slides = logic_and(mmin(T_b) < 0.9 * top, v > v_least)
         due = logic_and(slides, clock + time >= every_)
         time_left = if_else(slides, if_else(left > 0, fmax(left - T, 0), if_else(due, time, 0)), 0)
         ends = logic_and(left > 0, time_left <= 0)
-        following = if_else(axle >= axles - 1, 0, axle + 1)
+        following = if_else(axle <= 0, axles - 1, fmax(axle - 1, 0))
         nxt = dict(
             clock=if_else(slides, if_else(time_left > 0, 0, fmin(clock + T, 1e3)), 0),
             left=time_left, axle=if_else(ends, following, axle),
