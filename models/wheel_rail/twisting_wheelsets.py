@@ -1,8 +1,8 @@
 """Driven axles that twist, in a train on the rail: the wheels of an axle slip differently.
 
 The train of :mod:`slipctl.models.wheel_rail.axles` knows the mean speed of a wheelset, that of its
-momentum. Each inertia j of the row rotor, wheel, wheel turns faster than that by d_j, which is
-r d_j in m/s at the rim of a wheel, and stands ahead by the angle a_j:
+momentum. Each inertia j of the row rotor, wheel, wheel turns faster than that by d_j and stands
+ahead by the angle a_j. At the rim of a wheel that is r d_j in m/s:
 
     J_j d_j' = -(K a)_j - (C d)_j + T_j - r N f(v_s + r d_j) - J_j (mean of all that),   a_j' = d_j
 

@@ -87,6 +87,7 @@ class _Run:
         study = results.study
         vehicle = not study.headline and not study.claims
         self.unanswered = [(c.scenario.name, n) for c in cases for n in c.loops if vehicle]
+        self.named: set[str] = set()
 
     def answer(self) -> int:
         """Run, write and print; gives the exit code."""
@@ -159,6 +160,9 @@ class _Run:
             if not there and f"{scenario}/{loop}" not in results.failed:
                 break
             self.unanswered.pop(0)
+            if len(results.cases) > 1 and scenario not in self.named:
+                self.named.add(scenario)
+                self._tell(f"scenario {scenario}", "\n")
             end = "\n" if self.unanswered else "\n\n"
             self._tell(_filled(answer_line(results, scenario, loop), "  ") if there else "", end)
 

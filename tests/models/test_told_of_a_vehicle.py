@@ -88,9 +88,12 @@ FAULTS = {
     ),
     "two": (
         {'inertia = "110 kg m^2"': 'inertia = "110 kg m^2"\nrotating_mass = 0.08'},
-        "both of inertia and rotating_mass is given",
+        "write inertia or rotating_mass; both are given",
     ),
-    "none": ({'inertia = "110 kg m^2"': "# none"}, "neither of inertia and rotating_mass is given"),
+    "none": (
+        {'inertia = "110 kg m^2"': "# none"},
+        "write inertia or rotating_mass; neither of them is given",
+    ),
     "radii": ({'radius = "0.42 m"': 'radius = ["0.42 m", "0.41 m"]'}, "has 2 values for 4 axles"),
     "driven": ({"axles = 4 ": "driven = [1]\naxles = 4 "}, "is for a driven vehicle; write mode"),
     "faults": (

@@ -134,7 +134,8 @@ class AxleSample:
         last, out = s["omega_h"][k], s["out"][k]
         self.can = self._can_be(s["omega"][k], last, out)
         self.omega = if_else(self.can, s["omega"][k], last)
-        self.step = if_else(out >= NEVER, 0, self.omega - last)
+        turned, before = self.omega - last, out < NEVER
+        self.step = if_else(before, turned, 0)
         beside = s["radius"][k] / s["r"] - 1
         self.ratio = clip_to_range(
             1 + beside - clip_to_range(beside, -s["alike"], s["alike"]), 1 - 2 * WORN, 1 + 2 * WORN

@@ -75,7 +75,8 @@ def _lead(axles: Sequence[AxleSample], turn: int) -> tuple[Any, Any, Any]:
     for a in axles:
         here = if_else(a.candidate, turn * a.speed, none)
         second = fmax(second, fmin(first, here))
-        first = fmax(first, here)
+        fastest = fmax(first, here)
+        first = fastest
         least = fmin(least, if_else(a.candidate, turn * a.speed, -none))
         count = count + a.candidate
     lead = if_else(count >= 2, second, if_else(count >= 1, first, 0))
