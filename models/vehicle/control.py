@@ -336,6 +336,30 @@ def _let_go(trip: Trip, parts: dict[str, Block], wires: dict[str, str]) -> None:
         wires |= {"release.T_slip": wires["T_cmd"], "T_cmd": "release.T_cmd"}
 
 
+WIRES = {
+    "slip.v": "trust.v",
+    "slip.rim": "trust.rim",
+    "meter.omega": "slip.omega_s",
+    "meter.v_s": "slip.v_s",
+    "meter.T_b": "trust.T_b",
+    "fall.F": "force.F",
+    "wake.v": "trust.v",
+    "wake.v_s": "slip.v_s",
+    "wake.ready": "trust.ready",
+    "wake.ruling": "watch.ruling",
+    "watch.rules": "wake.on",
+    "watch.slips": "wake.slips",
+    "watch.T_demand": "trust.demand",
+    "watch.T_wanted": "law.T_wanted",
+    "law.on": "wake.on",
+    "apply.on": "wake.on",
+    "apply.T_wanted": "law.T_wanted",
+    "apply.T_demand": "trust.demand",
+    "apply.T": "trust.T_b",
+}
+"""Wires of the slip control of an axle, whatever its law and its reference."""
+
+
 def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dict[str, str]]:
     """Parts of the slip control of one axle, and their wires."""
     reference = part.reference or trip.reference
@@ -356,27 +380,7 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
         "watch": watch(always).with_params(rest=settings.rest),
         "apply": applied.with_params(lead=getattr(part, "lead", 1.0)),
     }
-    wires = {
-        "slip.v": "trust.v",
-        "slip.rim": "trust.rim",
-        "meter.omega": "slip.omega_s",
-        "meter.v_s": "slip.v_s",
-        "meter.T_b": "trust.T_b",
-        "fall.F": "force.F",
-        "wake.v": "trust.v",
-        "wake.v_s": "slip.v_s",
-        "wake.ready": "trust.ready",
-        "wake.ruling": "watch.ruling",
-        "watch.rules": "wake.on",
-        "watch.slips": "wake.slips",
-        "watch.T_demand": "trust.demand",
-        "watch.T_wanted": "law.T_wanted",
-        "law.on": "wake.on",
-        "apply.on": "wake.on",
-        "apply.T_wanted": "law.T_wanted",
-        "apply.T_demand": "trust.demand",
-        "apply.T": "trust.T_b",
-    }
+    wires = dict(WIRES)
     ports = {"v": "trust.v", "v_s": "slip.v_s", "F": "force.F", "D": "fall.D", "T": "trust.T_b",
              "T_top": "trust.demand"}  # fmt: skip
     if "T_begin" in law_block.inputs:

@@ -245,6 +245,22 @@ def motor_limit(part: Lag, radius: float) -> Block:
     return limit
 
 
+def _train(vehicle: Vehicle, law_: Block) -> Block:
+    """Axles in one train on the rail; law_ as a train takes it."""
+    worked, driven, n = vehicle.worked, vehicle.mode == "drive", vehicle.axles
+    apart = ["T_b"] * (not driven) + ["r"] * (len(set(vehicle.radii)) > 1)
+    apart += ["share"] * (len(set(vehicle.carried)) > 1) + ["dN"] * any(vehicle.moved)
+    axles = Axles((1,) * n, vehicle.behind, tuple(driven and k in worked for k in range(n)))
+    r: Any = np.array(vehicle.radii) if "r" in apart else vehicle.wheel_radius
+    twists = wheelset_that_twists(vehicle)
+    law_ = law_on_two_wheels(law_) if twists else law_
+    train = rolling(law_, axles, T_S, apart=apart, standing=True).with_params(
+        m=vehicle.total, r=r, **masses_of_axles(vehicle), g=vehicle.gravity, B_t=0.0,
+        v=vehicle.speed,
+    )  # fmt: skip
+    return train_that_twists(train, twists, worked) if twists else train
+
+
 def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None = None) -> Block:
     """Connect actuators, axles, resistance and contact.
 
@@ -261,28 +277,15 @@ def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None
             ``slipctl.models.wheel_rail.rail_memory``.
     """
     worked, driven = vehicle.worked, vehicle.mode == "drive"
-    n, many = vehicle.axles, len(worked)
-    apart = ["T_b"] * (not driven) + ["r"] * (len(set(vehicle.radii)) > 1)
-    moves = any(vehicle.moved)
-    apart += ["share"] * (len(set(vehicle.carried)) > 1) + ["dN"] * moves
-    axles = Axles((1,) * n, vehicle.behind, tuple(driven and k in worked for k in range(n)))
-    r: Any = np.array(vehicle.radii) if "r" in apart else vehicle.wheel_radius
-    law_ = adhesion if field is not None else on_train(adhesion)
-    twists = wheelset_that_twists(vehicle)
-    law_ = law_on_two_wheels(law_) if twists else law_
-    train = rolling(law_, axles, T_S, apart=apart, standing=True).with_params(
-        m=vehicle.total, r=r, **masses_of_axles(vehicle), g=vehicle.gravity, B_t=0.0,
-        v=vehicle.speed,
-    )  # fmt: skip
-    train = train_that_twists(train, twists, worked) if twists else train
+    many, moves = len(worked), any(vehicle.moved)
     brakes, commands = ({"act": replicate(actuator(part), many)}, {"act.T_cmd": "T_cmd"}) if (
         not isinstance(part, Air)) else _air(part, vehicle, many)  # fmt: skip
-    c0, c1, c2 = vehicle.resistance.of(vehicle.total)
+    drag = zip(("c0", "c1", "c2"), vehicle.resistance.of(vehicle.total), strict=True)
     parts = {
         **brakes,
-        "res": davis.with_params(c0=c0, c1=c1, c2=c2),
+        "res": davis.with_params(**dict(drag)),
         "grade": with_gradient.with_params(m=vehicle.total, g=vehicle.gravity),
-        "train": train,
+        "train": _train(vehicle, adhesion if field is not None else on_train(adhesion)),
     }
     torque = "act.T_b"
     wires = {

@@ -19,7 +19,7 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.ccode.check import analysis, back_to_back, fuzz
 from slipctl.ccode.check import float_error as float_error
-from slipctl.ccode.check.comparison import compare, expected_run, made_up
+from slipctl.ccode.check.comparison import Expected, compare, expected_run, made_up
 from slipctl.ccode.check.processor import load
 from slipctl.ccode.check.proof import module_proof
 from slipctl.ccode.check.readability import equations, measure_source
@@ -186,19 +186,7 @@ def _produce(
     used_params = (
         dict(params or {}) if real == "double" else expected_outputs.float_params(plan, values)
     )
-    width = None
-    if inputs is None:
-        run, width = made_up(plan, used_params)
-    else:
-        rows = input_rows(block, plan.layout.inputs, inputs)
-        if not len(rows):
-            raise BadInput(f"{block.name}: its inputs hold no ticks; replay at least one")
-        if not np.isfinite(rows).all():
-            raise BadInput(f"{block.name}: its inputs hold NaN or infinity; replay finite numbers")
-        rows = round_to_real(
-            rows if replay else rows[:KEPT], real
-        )  # all are replayed, few are written
-        run = expected_run(plan, rows, used_params)
+    run, width = _replayed(plan, inputs, used_params, replay)
     found: dict[str, Any] | None = None
     if checks.search_seconds:
         run, found = search.gone_on(plan, made, run, used_params, checks.search_seconds, KEPT)
@@ -244,6 +232,23 @@ def _produce(
     data["files"] = {n: folders.digest(text) for n, text in sorted(written.items())}
     folders.publish(folder, written | {folders.MANIFEST: cc.as_json(data)})
     return Report(folder, data, CModule(folder, plan))
+
+
+def _replayed(
+    plan: Plan, inputs: Mapping[str, Any] | None, params: dict[str, Any], replay: bool
+) -> tuple[Expected, Any]:
+    """Run to replay, on these inputs or on made-up ones, and how wide those are."""
+    if inputs is None:
+        return made_up(plan, params)
+    name, real = plan.block.name, plan.real
+    rows = input_rows(plan.block, plan.layout.inputs, inputs)
+    if not len(rows):
+        raise BadInput(f"{name}: its inputs hold no ticks; replay at least one")
+    if not np.isfinite(rows).all():
+        raise BadInput(f"{name}: its inputs hold NaN or infinity; replay finite numbers")
+    # all are replayed, few are written
+    rows = round_to_real(rows if replay else rows[:KEPT], real)
+    return expected_run(plan, rows, params), None
 
 
 def _trials(

@@ -111,7 +111,17 @@ def train_slip(layer: Block, clean: Block) -> Block:
         )  # fmt: skip
 
     return make_block(
-        "reference", "step", body,
+        "reference",
+        "step",
+        body,
+        **_signals(known),
+        doc=__doc__ or "",
+    )
+
+
+def _signals(known: list[dict[str, Param]]) -> dict[str, list[Any]]:
+    """Signals of the reference by role; known: numbers of both curves."""
+    return dict(
         states=[
             State("1", 0.0, "product of what was measured and the difference of both curves",
                   lo=-4, hi=4).named("product"),
@@ -145,5 +155,4 @@ def train_slip(layer: Block, clean: Block) -> Block:
             Output("m/s", "slip to go to", positive="braking", per="speed").named("v_best"),
             Output("1", "share of the clean curve that it has learnt", lo=0, hi=1).named("share"),
         ],
-        doc=__doc__ or "",
     )  # fmt: skip

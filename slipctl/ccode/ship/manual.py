@@ -39,7 +39,43 @@ def readme(plan: Plan) -> str:
 {_parts(plan)}C99 in `{plan.real}`, written by slipctl {__version__}, content {CONTENT}. Numbers
 carried: {counts}.
 
-| file | what it is |
+{_files_and_build(plan)}## Use
+
+Call in this order:
+
+1. `{n}_default`, then change the parameters that differ,
+2. `{n}_init`; if it does not give 0, a parameter is out of range: do not run,
+3. `{n}_step` {tick},{_pieces(plan)}
+4. `{n}_tune` after changing parameters at run time: until then, and if it does not give 0, those
+   before stay in force.
+
+Units, ranges, signs and sources stand beside each member in `{n}.h`. Link with the C mathematics
+library (`-lm`).
+
+| status | bit | meaning |
+|---|---|---|
+{bits}
+
+Without `{big}_REFUSED` a step counts: state and outputs are new, made with the last good value of
+an input that was bad, and an output that would have left its range stands at the end of it. With it
+the state is untouched, but for what `{big}_RESET` tells, and the outputs are those of the last good
+step{_safe(plan)}. Outputs are always finite and in their ranges.
+No memory is allocated, nothing is global, and every instance has its own `{n}_state`.
+{memory(plan)} Compile without `-ffast-math`.
+
+{_parameters(plan)}{_failures(plan)}## Calibration
+
+`{n}.a2l` (ASAP2 1.71) describes one instance, which the firmware owns and names
+`{n}_param_instance`, `{n}_in_instance`,
+`{n}_state_instance` and `{n}_out_instance`. A tool takes
+their addresses from the firmware's ELF file. Call `{n}_tune` after it wrote a parameter.
+"""
+
+
+def _files_and_build(plan: Plan) -> str:
+    """What each file is, and how they are built and tested."""
+    n = plan.name
+    return f"""| file | what it is |
 |---|---|
 | {_own(plan)} | the module; nothing else is needed in a firmware |
 | `{n}_bus.h`, `{n}_bus.c` | if it was asked for: inputs and outputs as integers of a bus |
@@ -88,36 +124,6 @@ A board needs `{TOOLS}gcc` with newlib, its test `{EMULATOR}` too (Debian, Ubunt
 In a CMake project of your own: `add_subdirectory(FOLDER)`, then
 `target_link_libraries(PROGRAM {n})`.
 
-## Use
-
-Call in this order:
-
-1. `{n}_default`, then change the parameters that differ,
-2. `{n}_init`; if it does not give 0, a parameter is out of range: do not run,
-3. `{n}_step` {tick},{_pieces(plan)}
-4. `{n}_tune` after changing parameters at run time: until then, and if it does not give 0, those
-   before stay in force.
-
-Units, ranges, signs and sources stand beside each member in `{n}.h`. Link with the C mathematics
-library (`-lm`).
-
-| status | bit | meaning |
-|---|---|---|
-{bits}
-
-Without `{big}_REFUSED` a step counts: state and outputs are new, made with the last good value of
-an input that was bad, and an output that would have left its range stands at the end of it. With it
-the state is untouched, but for what `{big}_RESET` tells, and the outputs are those of the last good
-step{_safe(plan)}. Outputs are always finite and in their ranges.
-No memory is allocated, nothing is global, and every instance has its own `{n}_state`.
-{memory(plan)} Compile without `-ffast-math`.
-
-{_parameters(plan)}{_failures(plan)}## Calibration
-
-`{n}.a2l` (ASAP2 1.71) describes one instance, which the firmware owns and names
-`{n}_param_instance`, `{n}_in_instance`,
-`{n}_state_instance` and `{n}_out_instance`. A tool takes
-their addresses from the firmware's ELF file. Call `{n}_tune` after it wrote a parameter.
 """
 
 

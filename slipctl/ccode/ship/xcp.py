@@ -26,8 +26,9 @@ def texts(plan: Plan) -> dict[str, str]:
     return {**slave, "xcp_board.c": _board(plan)}
 
 
-def _board(plan: Plan) -> str:
-    n, big = plan.name, plan.layout.big
+def _instances(plan: Plan) -> tuple[str, str, str]:
+    """Start values of the inputs, regions that a tool may ask for, definition of each instance."""
+    n = plan.name
     values = "\n".join(
         f"    {m.at(f'{n}_in_instance.', k)} = {c_number(v, plan)};"
         for m in plan.layout.inputs for k, v in enumerate(start_elements(m))
@@ -41,6 +42,12 @@ def _board(plan: Plan) -> str:
     defined = "\n".join(
         f"{'int' if s == 'status' else f'{n}_{s}'} {n}_{s}_instance;" for s in _INSTANCES
     )
+    return values, regions, defined
+
+
+def _board(plan: Plan) -> str:
+    n, big = plan.name, plan.layout.big
+    values, regions, defined = _instances(plan)
     declared = "\n".join(f"extern {line}" for line in defined.splitlines())
     return f"""{head(plan, "xcp_board.c")}
 

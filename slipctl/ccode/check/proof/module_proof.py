@@ -151,14 +151,7 @@ def run_eva(
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         folder = Path(scratch)
         (folder / f"{n}.h").write_text(made[f"{n}.h"], encoding="utf-8")
-        files, contracts = {f: written_out(t) for f, t in texts.items()}, 0
-        if kernel_proof.has_kernel(text):
-            work = plan.equations.work[2:]
-            found, contracts = kernel_proof.text_with_contracts(n, files[f"{n}.c"], plan.real, work)
-            files |= found
-        elif plan.equations.arrays:
-            called = plan.equations.functions
-            files, contracts = function_proof.text_with_contracts(n, files, plan.real, called)
+        files, contracts = _with_contracts(plan, texts)
         for name, content in {**files, HARNESS: harness(plan)}.items():
             (folder / name).write_text(content, encoding="utf-8")
         command = [frama_c, HARNESS, f"{n}.c", *options]
@@ -200,6 +193,20 @@ def run_eva(
         "non_finite": None if strict is None else len(_alarms(strict, plan.files)),
         "passed": not of_guards and not alarms and not open_ and ended == contracts,
     }  # fmt: skip
+
+
+def _with_contracts(plan: Plan, texts: Mapping[str, str]) -> tuple[dict[str, str], int]:
+    """Text to prove by name, and how many functions are proven each by itself where that is so."""
+    n = plan.name
+    files = {f: written_out(t) for f, t in texts.items()}
+    if kernel_proof.has_kernel(texts[f"{n}.c"]):
+        work = plan.equations.work[2:]
+        found, contracts = kernel_proof.text_with_contracts(n, files[f"{n}.c"], plan.real, work)
+        return files | found, contracts
+    if plan.equations.arrays:
+        called = plan.equations.functions
+        return function_proof.text_with_contracts(n, files, plan.real, called)
+    return files, 0
 
 
 def written_out(text: str) -> str:
