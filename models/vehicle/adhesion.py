@@ -253,8 +253,8 @@ def contaminated_law(trip: Trip, clean: Block) -> Block:
 def odd_law(curve: Block) -> Block:
     """Law from a slip of one sign, made odd in it: what exponentials do below 0 is no adhesion.
 
-    The size of the slip is written so that the slope at 0 is the law's own, which a plan needs,
-    and so that an interval of it has no sign.
+    The size of the slip is written so that the slope at 0 is the law's own, which a plan needs. An
+    interval of it has no sign.
 
     Args:
         curve: law from ``v_s``.

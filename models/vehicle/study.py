@@ -103,8 +103,8 @@ NO_LAYER = (
 
 HOLDS = (
     "its valve holds as soon as the rim runs up, whatever the slip is then, and none of the sets of"
-    " cells that were tried stops growing there; a machine that vents while the slip is large can be"
-    " proved, written as a text behind kind = 'valve' (slipctl docs own_proof)"
+    " cells that were tried stops growing there. A machine that vents while the slip is large can"
+    " be proved: write it as a text behind kind = 'valve' (slipctl docs own_proof)"
 )
 
 
