@@ -2,8 +2,9 @@
 
 ``python -m bench.healthy_vehicles [--vehicles N] [--seed N] [--out FILE]`` draws vehicles of 5 to
 160 km/h whose wheels differ by 3 % either way. It runs one of all kinds of controllers on each, on
-dry rail and leaves, and counts ticks. A tick is refused where a sample is not believed, where the law
-of an axle begins anew, and where the guards of the C would not take a state. Exit code 1 if one is.
+dry rail and leaves, and counts ticks. A tick is refused where a sample is not believed, where the
+law of an axle begins anew, and where the guards of the C would not take a state. Exit code 1 if one
+is.
 """
 
 from __future__ import annotations
