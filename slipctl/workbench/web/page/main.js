@@ -87,12 +87,11 @@ function run() {
   talk.ask("run", about());
   region.place(state.now.numbers);
   clearTimeout(run.rest);
-  run.rest = setTimeout(rest, 250);
 }
 /** @type {any} */
 run.rest = 0;
 
-/** What may wait until nothing moves: doubts and the verdict. */
+/** What may wait until the run has ended and nothing moves: doubts and the verdict. */
 function rest() {
   talk.ask("doubts", about());
   signals.renew();
@@ -161,6 +160,10 @@ talk.on("model", (head) => {
 });
 
 talk.on("run", (head, columns) => {
+  if (head.faults || head.metrics) {
+    clearTimeout(run.rest);
+    run.rest = setTimeout(rest, 150);
+  }
   if (head.faults) {
     tell(head.faults[0]);
     showWarnings(head.faults);
