@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,12 @@ LAYER_READS = ("plant.field.recovered", "plant.field.height")
 """Those that it follows from beside, on a contaminated rail."""
 
 
+@lru_cache(maxsize=16)
+def _peaks(law: Block, condition: str, speed: float) -> Peaks:
+    """Peaks of a law under a condition; both quantities of a run ask for the same."""
+    return Peaks(law, law.conditions[condition], speed)
+
+
 def best_under_axles(trip: Trip, clean: Block, track: Rail) -> dict[str, Known]:
     """Best slip and adhesion under each axle where they follow from the log: by speed or layer.
 
@@ -105,7 +112,6 @@ def best_under_axles(trip: Trip, clean: Block, track: Rail) -> dict[str, Known]:
     def found(log: Any) -> tuple[np.ndarray, np.ndarray]:
         v = np.abs(np.asarray(log["plant.train.v"], dtype=float))
         speed = max(trip.vehicle.speed, float(v.max()))
-        known = {c: Peaks(law, law.conditions[c], speed) for c in dict.fromkeys(conditions)}
         v = np.repeat(v[:, None], len(behind), axis=1)
         share, height = (np.asarray(log[name], dtype=float) if layered else np.ones(v.shape)
                          for name in LAYER_READS)  # fmt: skip
@@ -113,7 +119,7 @@ def best_under_axles(trip: Trip, clean: Block, track: Rail) -> dict[str, Known]:
         slip, peak = np.zeros(share.shape), np.zeros(share.shape)
         for k, condition in enumerate(conditions):
             there = here == k
-            slip[there], peak[there] = known[condition].at(
+            slip[there], peak[there] = _peaks(law, condition, speed).at(
                 v[there], ((1 - share) * height)[there], share[there]
             )
         return slip, peak
