@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal, localcontext
 from fractions import Fraction
 from functools import cache, lru_cache
-from typing import NoReturn
+from typing import Any, NoReturn
 
 DIGITS = 30
 """Digits of the enclosure that is given."""
@@ -305,3 +305,8 @@ def enclosure(
             up = Context(prec=DIGITS, rounding=ROUND_CEILING)
             return down.plus(found.low), up.plus(found.high)
     return None
+
+
+def ln_of(x: Any) -> Any:
+    """Logarithm: of a rational enclosed to 60 digits, of a float as a float."""
+    return Interval.of(x, 60).ln() if isinstance(x, Fraction) else math.log(x)

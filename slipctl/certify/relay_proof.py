@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any
 
-from slipctl.certify import polygon_steps, relay_orbits, relay_sets
+from slipctl.certify import relay_orbits, relay_sets
 from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
 from slipctl.certify.promise import Entries, Evidence, Numbers, Refuter, number_text, rounded_up
-from slipctl.certify.relay_sets import Absorbing, Relay, Ticker
+from slipctl.certify.relay_sets import Absorbing, Point, Relay, Ticker
+from slipctl.certify.smtlib import interval_terms, problem, sum_term, term, times
 
 MOST_WORK = 60_000
 """Most corners that are moved."""
@@ -86,7 +89,7 @@ def _polygon(n: Numbers, entry: Entries) -> Absorbing:
 
 def polygon_step(n: Numbers, entry: Entries) -> list[str]:
     """Every run comes into the polygon; the ticks after that are no inequality."""
-    return list(polygon_steps.relay(_polygon(n, entry["evidence"])))
+    return list(smt_steps(_polygon(n, entry["evidence"])))
 
 
 def _check(n: Numbers, given: Entries) -> None:
@@ -163,3 +166,35 @@ def _replay(n: Numbers, given: Entries) -> str:
 
 POLYGON = Evidence(_find, _check)
 ORBIT = Refuter("band", _find_orbit, _replay)
+
+
+def smt_steps(polygon: Absorbing) -> Iterator[str]:
+    """Tick of the reaching law behind a lag from lam >= 1 times its polygon, against each side.
+
+    For both ends of E = exp(-T/lag): the state that follows is affine in E, as is all else.
+    """
+    law = polygon.law
+    push = law.T * law.D
+    faces = list(_faces(polygon.corners))
+    inside = [term("<=", sum_term(times(n, "s"), times(m, "a")), "lam") for n, m in faces]
+    facts = [term("<=", 1, "lam"), term("<=", 0, "s"), *interval_terms(-push, "e", push), *inside]
+    for left in _outward(law.left):
+        (m11, m12, b1), (m21, m22, b2) = law.rows(left)
+        claims = []
+        for n, m in faces:
+            moved = [times(n * m11 + m * m21, "s"), times(n * m12 + m * m22, "a"), times(n, "e")]
+            claims.append(term("<", sum_term(*moved, -n * b1 - m * b2), "lam"))
+        yield problem(("s", "a", "e", "lam"), facts, claims, "QF_LRA")
+
+
+def _outward(ends: tuple[Fraction, Fraction], digits: int = 15) -> tuple[Fraction, Fraction]:
+    """Interval with short ends that holds the one given."""
+    one = 10**digits
+    return Fraction(math.floor(ends[0] * one), one), Fraction(math.ceil(ends[1] * one), one)
+
+
+def _faces(P: Sequence[Point]) -> Iterator[Point]:
+    """Give (n, m) with n s + m a = 1 along each side of a polygon."""
+    for (s, a), (s2, a2) in zip(P, [*P[1:], P[0]], strict=True):
+        size = s * a2 - a * s2
+        yield (a2 - a) / size, (s - s2) / size

@@ -11,6 +11,7 @@ from slipctl.certify import super_twisting as sta
 from slipctl.certify import twisting_report as twisting
 from slipctl.certify.decimal_intervals import Interval
 from slipctl.certify.promise import Entries, number_text
+from slipctl.certify.quadratic import MATRIX, exact_sides, fall, matrix, quadratic_sides
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     ASIDE,
@@ -31,7 +32,6 @@ from slipctl.certify.systems import (
     Target,
     Witness,
 )
-from slipctl.certify.twisting_kind import MATRIX, exact_sides, fall, matrix, quadratic_sides
 from slipctl.certify.twisting_proof import (
     LATE_BOUND,
     LATE_RUN,

@@ -1,4 +1,4 @@
-"""Systems of the super-twisting kind: the adhesion observer and the adaptive law of Wang 2025.
+"""Systems of Wang 2025 of the super-twisting kind: the adhesion observer and the adaptive law.
 
 Both are x1' = -K1 phi1(x1) + x2, x2' = -K2 phi2(x1) + d with phi2 = phi1 phi1' and, near x1 = 0,
 phi1 = |x1|^(1/2) sgn x1, so that K2 phi2 -> K2/2 sgn x1. What phi1 has more makes |d|/phi1' smaller
@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from decimal import Decimal
 from fractions import Fraction
 from typing import Any
 
-from slipctl.certify import adhesion_observer, decimal_intervals, higher_order, smtlib, worst_run
+from slipctl.certify import adhesion_observer, higher_order, worst_run
 from slipctl.certify import super_twisting as sta
-from slipctl.certify.quadratic import find_quadratic, minors
+from slipctl.certify.quadratic import MATRIX, exact_sides, fall, matrix, quadratic_sides
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     EXACT,
@@ -33,80 +32,6 @@ from slipctl.certify.systems import (
     Target,
     Witness,
 )
-
-
-def exact_sides(k1: Any, k2: Any, L: Any, names: tuple[str, str, str]) -> list[Side]:
-    """Inequalities of ``super_twisting.exact``, the last one an enclosure for rationals.
-
-    Args:
-        k1, k2, L: gains and bound of the disturbance's slope.
-        names: how the texts call them.
-    """
-    a, b, c = names
-    sides = [Side(f"0 < {a}", 0, k1), Side(f"{c} < {b}", L, k2)]
-    if not (k1 > 0 and k2 > L):
-        return sides
-    if k1 * k1 >= 8 * (k2 + L):
-        return [*sides, Side(f"8 ({b} + {c}) <= ({a})^2", 8 * (k2 + L), k1 * k1)]
-    if not isinstance(k1, Fraction):
-        return [*sides, Side("ln q < 0", sta.log_ratio(k1, k2, L), 0)]
-    found = decimal_intervals.enclosure(k1, Fraction(k2), Fraction(L))
-    low, high = found or (Decimal(-1), Decimal(1))
-    return [
-        *sides,
-        Side("ln q < 0", decimal_intervals.Interval(low, high, decimal_intervals.DIGITS), 0),
-    ]
-
-
-def quadratic_sides(
-    k1: Any, k2: Any, L: Any, names: tuple[str, str, str], P: Sequence[Any] = ()
-) -> list[Side]:  # fmt: skip
-    """Inequalities of ``super_twisting.quadratic``, or of a matrix P = (P11, P12, P22) if given.
-
-    Proof note: with a matrix, that the leading minors of ``certificate.minors`` are positive.
-    """
-    a, b, c = names
-    if P:
-        gains = {"k1": k1, "k2": k2, "L": L, "delta": Fraction(0)}
-        found = minors(gains, ((P[0], P[1]), (P[1], P[2])), Fraction(1))
-        texts = ("minor 1", "minor 2", "minor 3", "det P")
-        return [Side("0 < P11", 0, P[0]),
-                *(Side(f"0 < {t}", 0, x) for t, x in zip(texts, found, strict=True))]  # fmt: skip
-    if k1 * k1 >= 4 * k2:
-        return [Side(f"4 {b} <= ({a})^2", 4 * k2, k1 * k1), Side(f"{c} < {b}", L, k2)]
-    return [Side(f"16 {c}^2 < ({a})^2 (8 {b} - ({a})^2)", 16 * L * L, k1 * k1 * (8 * k2 - k1 * k1))]
-
-
-def matrix(k1: Fraction, k2: Fraction, L: Fraction) -> dict[str, Fraction] | None:
-    """Matrix of a quadratic Lyapunov function as multipliers; None if there is none."""
-    found = find_quadratic({"k1": k1, "k2": k2, "L": L, "delta": Fraction(0)})
-    if found is None:
-        return None
-    (a, b), (_, c) = found["P"]
-    return {"P11": Fraction(a), "P12": Fraction(b), "P22": Fraction(c)}
-
-
-MATRIX = ("P11", "P12", "P22")
-
-
-def fall(k1: Fraction, k2: Fraction, L: Fraction, P: Sequence[Fraction]) -> str:
-    """Step of the proof by P as SMT-LIB: V > 0 and V' < 0 for all zeta but 0.
-
-    V' is |x1|^(1/2) times that in time, zeta = (y, z), y = |x1|^(1/2) sgn x1, w = d |y|,
-    so that w^2 <= L^2 y^2.
-    """
-    y, z, w = "y", "z", "w"
-    first = smtlib.sum_term(smtlib.times(-k1 / 2, y), smtlib.times(Fraction(1, 2), z))
-    second = smtlib.sum_term(smtlib.times(-k2, y), w)
-    rows = [smtlib.sum_term(smtlib.times(P[i], y), smtlib.times(P[i + 1], z)) for i in (0, 1)]
-    V = smtlib.sum_term(smtlib.times(rows[0], y), smtlib.times(rows[1], z))
-    slope = smtlib.sum_term(smtlib.times(rows[0], first), smtlib.times(rows[1], second))
-    facts = [
-        smtlib.term("<=", smtlib.times(w, w), smtlib.times(L * L, y, y)),
-        smtlib.term("=", smtlib.sum_term(smtlib.times(y, y), smtlib.times(z, z)), 1),
-    ]
-    claim = smtlib.term("and", smtlib.term(">", V, 0), smtlib.term("<", slope, 0))
-    return smtlib.problem((y, z, w), facts, claim)
 
 
 def _told(n: Numbers) -> list[Any]:

@@ -27,6 +27,7 @@ from itertools import pairwise
 import numpy as np
 
 from slipctl.certify.decimal_intervals import over_one
+from slipctl.certify.smtlib import interval_terms, problem, sum_term, term, times
 from slipctl.certify.twisting_rows import LONGEST, MOST_ROWS, Grid, Law, Rows
 
 Point = tuple[Fraction, Fraction]
@@ -212,3 +213,35 @@ class Levels:
         if any(fall > 0 for _, fall in edges):
             return False
         return all(z * w2 - w * z2 <= 0 for (z, w), (z2, w2) in pairwise(edges))
+
+
+def smt_steps(levels: Levels) -> Iterator[str]:
+    """Tick of explicit super-twisting from each edge of its polygon, against each other edge.
+
+    In z = root(x1/T^2) and w = x2/T, z >= 0, the sign is taken as +1. The size lam of the polygon
+    through the state is n z + m w on the edge whose cone it is in. After the tick z is p; where
+    x1 changes its sign the mirrored state is measured.
+    """
+    law, edges = levels.law, list(levels.edges())
+    c = interval_terms(law.k2 - law.L, "c", law.k2 + law.L)
+    moved = sum_term(times("z", "z"), times(-law.k1, "z"), "w")
+    kept = levels.kept
+    for (P, Q), (n, m) in zip(pairwise(levels.corners), edges, strict=True):
+        size = sum_term(times(n, "z"), times(m, "w"))
+        cone = [term("<=", 0, "z"), term("<=", 0, _turn(P, ("z", "w"), -1)),
+                term("<=", 0, _turn(Q, ("z", "w"), 1))]  # fmt: skip
+        for side in (1, -1):
+            root = [term("<=", 0, "p"), term("=", times("p", "p"), times(side, moved))]
+            after = times(side, sum_term("w", times(-1, "c")))
+            sizes = [sum_term(times(n2, "p"), times(m2, after)) for n2, m2 in edges]
+            outside = term("<=", levels.level, size)
+            falls = term("and", *(term("<=", x, sum_term(size, -levels.fall)) for x in sizes))
+            stays = term("and", *(term("<=", x, kept) for x in sizes))
+            yield problem("zwcp", [*cone, *c, *root, outside], falls)
+            yield problem("zwcp", [*cone, *c, *root, term("not", outside)], stays)
+
+
+def _turn(corner: Point, state: tuple[str, str], way: int) -> str:
+    """Cross product of a corner and a state, positive where it is counter-clockwise, times way."""
+    z, w = corner
+    return sum_term(times(way * z, state[1]), times(-way * w, state[0]))

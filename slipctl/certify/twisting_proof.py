@@ -10,11 +10,11 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
-from slipctl.certify import polygon_steps, twisting_late
+from slipctl.certify import twisting_late
 from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
 from slipctl.certify.promise import Entries, Evidence, Numbers, Refuter, number_text, rounded_up
 from slipctl.certify.twisting_late import Kept, Late
-from slipctl.certify.twisting_levels import MOST_CORNERS, Levels
+from slipctl.certify.twisting_levels import MOST_CORNERS, Levels, smt_steps
 from slipctl.certify.twisting_rows import Law
 from slipctl.certify.twisting_sampled import (
     MOST_WORK,
@@ -82,9 +82,7 @@ def _levels(law: Law, entry: Entries) -> Levels:
 def levels_step(n: Numbers, entry: Entries) -> list[str]:
     """Every run comes into the polygon; the ticks of rows after that are no inequality."""
     at = law(n)
-    return (
-        [] if at is None else list(polygon_steps.twisting_steps(_levels(at[0], entry["evidence"])))
-    )
+    return [] if at is None else list(smt_steps(_levels(at[0], entry["evidence"])))
 
 
 def _plan(given: Any, where: str) -> Plan:

@@ -15,7 +15,7 @@ from typing import Any
 
 from slipctl.certify import decimal_intervals, worst_run
 from slipctl.certify import super_twisting as sta
-from slipctl.certify.systems import CERTIFIED, REFUTED, Report, end
+from slipctl.certify.systems import CERTIFIED, REFUTED, end
 from slipctl.errors import BadInput
 
 Test = Callable[[float, float, float], bool]
@@ -287,22 +287,3 @@ def simulated_run(k1: float, k2: float, L: float, delta: float = 0.0) -> worst_r
 def _trajectory(ran: worst_run.Turns) -> dict[str, tuple[str, Sequence[float]]]:
     slope = sta.UNITS["L"]
     return {"t": ("s", ran.t), "x1": ("m/s", ran.x1), "x2": ("m/s^2", ran.x2), "d": (slope, ran.d)}
-
-
-def super_twisting_report(
-    k1: float | Fraction, k2: float | Fraction, L: float | Fraction, delta: float | Fraction = 0
-) -> Report:
-    """Verdict and margins of every criterion.
-
-    With delta, each criterion is asked at k1 - delta: what it proves there is in the exact region,
-    and delta only shifts that region.
-
-    Args:
-        k1, k2: gains. L: bound of the disturbance's slope. delta: bound of |r1| over |x1|^(1/2).
-
-    Raises:
-        BadInput: numbers that mean nothing, or gains on the boundary of stability.
-    """
-    from slipctl.certify.catalogue import certify
-
-    return certify("super_twisting", k1=k1, k2=k2, L=L, delta=delta)
