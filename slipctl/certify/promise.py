@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from slipctl.certify.decimal_intervals import Interval
+from slipctl.certify.arithmetic.decimal_intervals import Interval
 from slipctl.errors import BadInput, nearest
 
 CERTIFIED, REFUTED, UNDECIDED = "CERTIFIED", "REFUTED", "UNDECIDED"

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.certify import barrier as bounds
-from slipctl.certify import higher_order, lyapunov
-from slipctl.certify import prescribed_performance as ppc
-from slipctl.certify import super_twisting as sta
+from slipctl.certify.bounds import lyapunov
+from slipctl.models.cheng_2022.certificate import barrier as bounds
+from slipctl.models.super_twisting.certificate import super_twisting as sta
+from slipctl.models.wang_2025.certificate import higher_order
+from slipctl.models.zhang_2021.certificate import prescribed_performance as ppc
 
 Rates = Callable[[np.ndarray, float], np.ndarray]
 

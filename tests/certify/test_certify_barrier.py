@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slipctl import BadInput
-from slipctl.certify import barrier as bl
+from slipctl.models.cheng_2022.certificate import barrier as bl
 
 K, KS = 1200.0, 0.02  # paper 004
 KA = KS + math.log(1.2 / 0.54) / (1.2 - 0.54)

@@ -12,11 +12,13 @@ import pytest
 from slipctl import BadInput, law
 from slipctl.analysis.bounds import METHODS, fastest, largest_slope
 from slipctl.block.signals import Input, Output, Param
-from slipctl.certify import catalogue, higher_order, lyapunov, systems
-from slipctl.certify import super_twisting as sta
+from slipctl.certify import catalogue, systems
+from slipctl.certify.bounds import lyapunov
 from slipctl.commands.cli import main
 from slipctl.models.cheng_2022.freight_traction import SURFACES, adhesion
 from slipctl.models.huang_2020.subway_braking import double_exponential
+from slipctl.models.super_twisting.certificate import super_twisting as sta
+from slipctl.models.wang_2025.certificate import higher_order
 from slipctl.models.zhang_2021.hst_braking import burckhardt
 from slipctl.studies.freight_traction import gains as freight_traction_gains
 from slipctl.studies.gain_bounds import experiments as gain_bounds_experiments

@@ -12,9 +12,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from slipctl import BadInput
-from slipctl.certify import catalogue, certificate, decimal_intervals, systems
-from slipctl.certify import super_twisting as sta
-from slipctl.certify import twisting_report as report
+from slipctl.certify import catalogue, certificate, systems
+from slipctl.certify.arithmetic import decimal_intervals
+from slipctl.models.super_twisting.certificate import super_twisting as sta
+from slipctl.models.super_twisting.certificate import twisting_report as report
 
 F = Fraction
 SPEC = {  # k2/L: smallest k1/sqrt(L) of exact, quadratic, homogenised (48), Seeber-Horn, Levant

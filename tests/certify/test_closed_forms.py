@@ -7,7 +7,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from slipctl.certify import adhesion_observer, reaching_law, saturated_motion, twisting_kind
+from slipctl.models.huang_2020.certificate import reaching_law
+from slipctl.models.wang_2025.certificate import adhesion_observer, saturated_motion, twisting_kind
 
 
 @pytest.mark.parametrize(("g1", "g2", "T"), [(0.0, 2.0, 0.1), (3.0, 2.0, 0.05), (10.0, 0.5, 0.1)])
