@@ -39,12 +39,6 @@ class Certificate:
         """CERTIFIED, REFUTED or UNDECIDED."""
         return str(self.entries["verdict"])
 
-    @property
-    def quadratic(self) -> Mapping[str, Any] | None:
-        """Multipliers P11, P12, P22 of a quadratic Lyapunov function, None if there are none."""
-        found = self.entries.get("proofs", {}).get("quadratic")
-        return None if found is None else found["multipliers"]
-
     def payload(self) -> dict[str, Any]:
         """Entries of the file."""
         return dict(self.entries)
