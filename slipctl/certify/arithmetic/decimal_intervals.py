@@ -13,29 +13,12 @@ from contextlib import AbstractContextManager
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal, localcontext
 from fractions import Fraction
 from functools import cache, lru_cache
-from typing import Any, NoReturn
+from typing import Any
+
+from slipctl.certify.arithmetic.operations import Exact, Operations, exact
 
 DIGITS = 30
 """Digits of the enclosure that is given."""
-
-
-Exact = Fraction | int | float
-"""A number that is taken as it is: a float is the rational that its bits are."""
-
-
-def exact(value: Exact) -> Fraction | int:
-    """A number as a rational.
-
-    Raises:
-        TypeError: it is none, or is not finite.
-    """
-    if isinstance(value, float):
-        if not math.isfinite(value):
-            raise TypeError(f"{value} is no finite number")
-        return Fraction(value)
-    if isinstance(value, Fraction | int):
-        return value
-    raise TypeError(f"a {type(value).__name__} is no number that can be taken as it is")
 
 
 def precise(digits: int) -> AbstractContextManager[Context]:
@@ -50,7 +33,7 @@ def _contexts(digits: int) -> tuple[Context, Context]:
             Context(prec=digits, rounding=ROUND_CEILING, Emin=-999999, Emax=999999))  # fmt: skip
 
 
-class Interval:
+class Interval(Operations):
     """Closed interval of decimals with outward rounding."""
 
     __slots__ = ("digits", "down", "high", "low", "up")
@@ -84,12 +67,6 @@ class Interval:
 
     def __sub__(self, other: Interval | Exact) -> Interval:
         return self + (-self._as(other))
-
-    def __rsub__(self, other: Exact) -> Interval:
-        return self._as(other) - self
-
-    def __rtruediv__(self, other: Exact) -> Interval:
-        return self._as(other) / self
 
     def __mul__(self, other: Interval | Exact) -> Interval:
         o = self._as(other)
@@ -175,23 +152,6 @@ class Interval:
         return self._new(Decimal((self.low > 0) - (self.low < 0)),
                          Decimal((self.high > 0) - (self.high < 0)))  # fmt: skip
 
-    def less(self, other: Interval | Exact) -> Interval:
-        """Whether self < other: 0, 1 or, where that is open, both."""
-        o = self._as(other)
-        return self._truth(self.high < o.low, self.low < o.high)
-
-    def less_equal(self, other: Interval | Exact) -> Interval:
-        """Whether self <= other: 0, 1 or, where that is open, both."""
-        o = self._as(other)
-        return self._truth(self.high <= o.low, self.low <= o.high)
-
-    def equal(self, other: Interval | Exact) -> Interval:
-        """Whether self = other: 0, 1 or, where that is open, both."""
-        o = self._as(other)
-        return self._truth(
-            self.low == self.high == o.low == o.high, self.low <= o.high and o.low <= self.high
-        )
-
     def choose(self, yes: Interval, no: Interval) -> Interval:
         """``yes`` where self is not 0, ``no`` where it is 0, both where that is open."""
         if self.low > 0 or self.high < 0:
@@ -224,26 +184,6 @@ class Interval:
     def texts(self) -> list[str]:
         """Both ends as decimals."""
         return [str(self.low), str(self.high)]
-
-    def _as(self, other: Interval | Exact) -> Interval:
-        if isinstance(other, Interval):
-            return other
-        return Interval.of(exact(other), self.digits)
-
-    def _no_number(self, *_: object) -> NoReturn:
-        """Refuse what would look at the interval as if it were one number.
-
-        Raises:
-            TypeError: always. An interval is neither equal to a number nor true nor false.
-        """
-        raise TypeError("an interval is no single number: compare and round it by its own methods")
-
-    __eq__ = __ne__ = __lt__ = __le__ = __gt__ = __ge__ = _no_number
-    __bool__ = __float__ = __int__ = __index__ = __complex__ = __round__ = _no_number
-    __trunc__ = __floor__ = __ceil__ = __floordiv__ = __rfloordiv__ = _no_number
-    __mod__ = __rmod__ = __divmod__ = __rdivmod__ = __pow__ = __rpow__ = __abs__ = _no_number
-    __hash__ = _no_number
-    __array_ufunc__ = None
 
     def _ordered(self) -> Interval:
         self.low, self.high = self.high, self.low

@@ -12,17 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.certify.arithmetic.decimal_intervals import Exact, Interval, exact
+from slipctl.certify.arithmetic.operations import ArrayOperations, Exact
 
 WIDE = 8
 """Units in the last place of exponentials and logarithms."""
 
 
-class Boxes:
+class Boxes(ArrayOperations):
     """Intervals of floats, one a box; an end that is not a number becomes infinite."""
 
-    __slots__ = ("high", "low")
-    __array_ufunc__ = None
+    __slots__ = ()
 
     def __init__(self, low: Any, high: Any) -> None:
         self.low, self.high = low, high
@@ -41,31 +40,16 @@ class Boxes:
         """Boxes of arrays of finite floats, which are taken as they are."""
         return cls(low, high)
 
-    def number(self, value: Exact) -> Boxes:
-        """A number as boxes of this many."""
-        number = Fraction(exact(value))
-        return Boxes.around(number, number, self.low.size)
-
-    def take(self, rows: Any) -> Boxes:
-        """Boxes of some rows."""
-        return Boxes(self.low[rows], self.high[rows])
-
-    def _as(self, other: Boxes | Exact) -> Boxes:
-        return other if isinstance(other, Boxes) else self.number(other)
+    def _truth(self, sure: Any, possible: Any) -> Boxes:
+        return Boxes(sure * 1.0, possible * 1.0)
 
     def __add__(self, other: Boxes | Exact) -> Boxes:
         o = self._as(other)
         return Boxes(_sum_below(self.low, o.low), -_sum_below(-self.high, -o.high))
 
-    def __neg__(self) -> Boxes:
-        return Boxes(-self.high, -self.low)
-
     def __sub__(self, other: Boxes | Exact) -> Boxes:
         o = self._as(other)
         return Boxes(_sum_below(self.low, -o.high), -_sum_below(-self.high, o.low))
-
-    def __rsub__(self, other: Exact) -> Boxes:
-        return self._as(other) - self
 
     def __mul__(self, other: Boxes | Exact) -> Boxes:
         o = self._as(other)
@@ -111,31 +95,11 @@ class Boxes:
         low = np.where(across, -np.inf, np.minimum.reduce(ends))
         return _outwards(low, np.where(across, np.inf, np.maximum.reduce(ends)))
 
-    def __rtruediv__(self, other: Exact) -> Boxes:
-        return self._as(other) / self
-
-    def _no_number(self, *_: object) -> Any:
-        """Refuse what would look at boxes as if they were one number.
-
-        Raises:
-            TypeError: always.
-        """
-        raise TypeError("boxes are no single number: compare them by their own methods")
-
-    __eq__ = __ne__ = __lt__ = __le__ = __gt__ = __ge__ = __bool__ = __float__ = _no_number
-    __hash__ = _no_number
-
     def sq(self) -> Boxes:
         """Square; never negative."""
         a = self.absolute()
         found = a * a
         return Boxes(np.maximum(found.low, 0.0), found.high)
-
-    def absolute(self) -> Boxes:
-        """Absolute value."""
-        across = (self.low <= 0) & (self.high >= 0)
-        low, high = np.abs(self.low), np.abs(self.high)
-        return Boxes(np.where(across, 0.0, np.minimum(low, high)), np.maximum(low, high))
 
     def sqrt(self) -> Boxes:
         """Square root; nothing is said where a box goes below zero."""
@@ -161,61 +125,6 @@ class Boxes:
     def atan(self) -> Boxes:
         """Arc tangent."""
         return _outwards(np.arctan(self.low), np.arctan(self.high), WIDE)
-
-    def minimum(self, other: Boxes | Exact) -> Boxes:
-        """Smaller one of two."""
-        o = self._as(other)
-        return Boxes(np.minimum(self.low, o.low), np.minimum(self.high, o.high))
-
-    def maximum(self, other: Boxes | Exact) -> Boxes:
-        """Larger one of two."""
-        o = self._as(other)
-        return Boxes(np.maximum(self.low, o.low), np.maximum(self.high, o.high))
-
-    def hull(self, other: Boxes | Exact) -> Boxes:
-        """Smallest intervals around two."""
-        o = self._as(other)
-        return Boxes(np.minimum(self.low, o.low), np.maximum(self.high, o.high))
-
-    def meet(self, other: Boxes) -> Boxes:
-        """What two enclosures of the same have in common."""
-        return Boxes(np.maximum(self.low, other.low), np.minimum(self.high, other.high))
-
-    def less(self, other: Boxes | Exact) -> Boxes:
-        """Whether self < other: 0, 1 or, where that is open, both."""
-        o = self._as(other)
-        return Boxes((self.high < o.low) * 1.0, (self.low < o.high) * 1.0)
-
-    def less_equal(self, other: Boxes | Exact) -> Boxes:
-        """Whether self <= other: 0, 1 or, where that is open, both."""
-        o = self._as(other)
-        return Boxes((self.high <= o.low) * 1.0, (self.low <= o.high) * 1.0)
-
-    def equal(self, other: Boxes | Exact) -> Boxes:
-        """Whether self = other: 0, 1 or, where that is open, both."""
-        o = self._as(other)
-        sure = (self.low == self.high) & (o.low == o.high) & (self.low == o.low)
-        return Boxes(sure * 1.0, ((self.low <= o.high) & (o.low <= self.high)) * 1.0)
-
-    def choose(self, yes: Boxes, no: Boxes) -> Boxes:
-        """``yes`` where self is not 0, ``no`` where it is 0, both where that is open."""
-        sure, never = (self.low > 0) | (self.high < 0), (self.low == 0) & (self.high == 0)
-        both = yes.hull(no)
-        return Boxes(np.where(sure, yes.low, np.where(never, no.low, both.low)),
-                     np.where(sure, yes.high, np.where(never, no.high, both.high)))  # fmt: skip
-
-    def decided(self) -> bool:
-        """Whether each box holds a single number."""
-        return bool((self.low == self.high).all())
-
-    def one_way(self) -> bool | None:
-        """What a decided condition says where it says the same of all boxes, else None."""
-        said = self.low != 0
-        return bool(said[0]) if said.all() or not said.any() else None
-
-    def open_rows(self) -> np.ndarray:
-        """Rows that hold more than one number."""
-        return np.flatnonzero(self.low != self.high)
 
     def cells(self, size: Fraction) -> tuple[np.ndarray, np.ndarray]:
         """Numbers of the first and the last cell that hold each box; cell k is [k, k + 1] size.
@@ -244,10 +153,6 @@ class Boxes:
         if not ((self.low > near - 0.25) & (self.high < near + 0.25)).all():
             raise ArithmeticError("a mode is no whole number")
         return near.astype(np.int64)
-
-    def touches_zero(self) -> bool:
-        """Whether a box holds zero or what is below."""
-        return bool((self.low <= 0).any())
 
 
 def _down(values: np.ndarray, units: int = 1) -> np.ndarray:
@@ -294,8 +199,3 @@ def _below(value: Fraction) -> float:
     """Largest float that is not above a rational, or the one below it."""
     near = float(value)
     return near if Fraction(near) <= value else float(np.nextafter(near, -np.inf))
-
-
-def boxes_of(values: Interval, many: int) -> Boxes:
-    """An interval of decimals as so many boxes."""
-    return Boxes.around(*values.ends(), many)

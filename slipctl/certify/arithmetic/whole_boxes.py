@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.certify.arithmetic.decimal_intervals import Exact, Interval, exact
+from slipctl.certify.arithmetic.decimal_intervals import Interval
+from slipctl.certify.arithmetic.operations import ArrayOperations, Exact
 
 BITS = 80
 """Bits behind the point."""
@@ -27,18 +28,14 @@ FARTHEST = 1 << (BITS + 200)
 """Ends beyond this bound nothing."""
 
 
-class WholeBoxes:
+class WholeBoxes(ArrayOperations):
     """Intervals of multiples of 2^-80, one a box.
 
     Attributes:
         low, high: arrays of Python's whole numbers.
     """
 
-    __slots__ = ("high", "low")
-    __array_ufunc__ = None
-
-    def __init__(self, low: np.ndarray, high: np.ndarray) -> None:
-        self.low, self.high = low, high
+    __slots__ = ()
 
     @classmethod
     def around(cls, low: Fraction, high: Fraction, many: int = 1) -> WholeBoxes:
@@ -51,31 +48,17 @@ class WholeBoxes:
         """Boxes of arrays of finite floats, which are taken as they are."""
         return cls(_of_floats(low, math.floor), _of_floats(high, math.ceil))
 
-    def number(self, value: Exact) -> WholeBoxes:
-        """A number as boxes of this many."""
-        number = Fraction(exact(value))
-        return WholeBoxes.around(number, number, self.low.size)
-
-    def take(self, rows: Any) -> WholeBoxes:
-        """Boxes of some rows."""
-        return WholeBoxes(self.low[rows], self.high[rows])
-
-    def _as(self, other: WholeBoxes | Exact) -> WholeBoxes:
-        return other if isinstance(other, WholeBoxes) else self.number(other)
+    def _truth(self, sure: Any, possible: Any) -> WholeBoxes:
+        ends = (np.asarray(x, bool).astype(int).astype(object) for x in (sure, possible))
+        return WholeBoxes(*(end * ONE for end in ends))
 
     def __add__(self, other: WholeBoxes | Exact) -> WholeBoxes:
         o = self._as(other)
         return WholeBoxes(self.low + o.low, self.high + o.high)
 
-    def __neg__(self) -> WholeBoxes:
-        return WholeBoxes(-self.high, -self.low)
-
     def __sub__(self, other: WholeBoxes | Exact) -> WholeBoxes:
         o = self._as(other)
         return WholeBoxes(self.low - o.high, self.high - o.low)
-
-    def __rsub__(self, other: Exact) -> WholeBoxes:
-        return self._as(other) - self
 
     def __mul__(self, other: WholeBoxes | Exact) -> WholeBoxes:
         o = self._as(other)
@@ -94,30 +77,10 @@ class WholeBoxes:
         above = [-(-t // d) for t in tops for d in (o.low, o.high)]
         return _within(np.minimum.reduce(below), np.maximum.reduce(above))
 
-    def __rtruediv__(self, other: Exact) -> WholeBoxes:
-        return self._as(other) / self
-
-    def _no_number(self, *_: object) -> Any:
-        """Refuse what would look at boxes as if they were one number.
-
-        Raises:
-            TypeError: always.
-        """
-        raise TypeError("boxes are no single number: compare them by their own methods")
-
-    __eq__ = __ne__ = __lt__ = __le__ = __gt__ = __ge__ = __bool__ = __float__ = _no_number
-    __hash__ = _no_number
-
     def sq(self) -> WholeBoxes:
         """Square; never negative."""
         a = self.absolute()
         return a * a
-
-    def absolute(self) -> WholeBoxes:
-        """Absolute value."""
-        across = (self.low <= 0) & (self.high >= 0)
-        low, high = abs(self.low), abs(self.high)
-        return WholeBoxes(np.where(across, 0, np.minimum(low, high)), np.maximum(low, high))
 
     def sqrt(self) -> WholeBoxes:
         """Square root; what is negative in a box is left out.
@@ -150,68 +113,6 @@ class WholeBoxes:
             raise ArithmeticError("the logarithm of what comes to zero")
         return WholeBoxes(_each(lambda a: _logarithm(a)[0], self.low),
                           _each(lambda a: _logarithm(a)[1], self.high))  # fmt: skip
-
-    def minimum(self, other: WholeBoxes | Exact) -> WholeBoxes:
-        """Smaller one of two."""
-        o = self._as(other)
-        return WholeBoxes(np.minimum(self.low, o.low), np.minimum(self.high, o.high))
-
-    def maximum(self, other: WholeBoxes | Exact) -> WholeBoxes:
-        """Larger one of two."""
-        o = self._as(other)
-        return WholeBoxes(np.maximum(self.low, o.low), np.maximum(self.high, o.high))
-
-    def hull(self, other: WholeBoxes | Exact) -> WholeBoxes:
-        """Smallest intervals around two."""
-        o = self._as(other)
-        return WholeBoxes(np.minimum(self.low, o.low), np.maximum(self.high, o.high))
-
-    def meet(self, other: WholeBoxes) -> WholeBoxes:
-        """What two enclosures of the same have in common."""
-        return WholeBoxes(np.maximum(self.low, other.low), np.minimum(self.high, other.high))
-
-    def less(self, other: WholeBoxes | Exact) -> WholeBoxes:
-        """Whether self < other: 0, 1 or, where that is open, both."""
-        o = self._as(other)
-        return _truth(self.high < o.low, self.low < o.high)
-
-    def less_equal(self, other: WholeBoxes | Exact) -> WholeBoxes:
-        """Whether self <= other: 0, 1 or, where that is open, both."""
-        o = self._as(other)
-        return _truth(self.high <= o.low, self.low <= o.high)
-
-    def equal(self, other: WholeBoxes | Exact) -> WholeBoxes:
-        """Whether self = other: 0, 1 or, where that is open, both."""
-        o = self._as(other)
-        sure = (self.low == self.high) & (o.low == o.high) & (self.low == o.low)
-        return _truth(sure, (self.low <= o.high) & (o.low <= self.high))
-
-    def choose(self, yes: WholeBoxes, no: WholeBoxes) -> WholeBoxes:
-        """``yes`` where self is not 0, ``no`` where it is 0, both where that is open."""
-        sure = ((self.low > 0) | (self.high < 0)).astype(bool)
-        never = ((self.low == 0) & (self.high == 0)).astype(bool)
-        both = yes.hull(no)
-        return WholeBoxes(
-            np.where(sure, yes.low, np.where(never, no.low, both.low)),
-            np.where(sure, yes.high, np.where(never, no.high, both.high)),
-        )
-
-    def decided(self) -> bool:
-        """Whether each box holds a single number."""
-        return bool((self.low == self.high).all())
-
-    def one_way(self) -> bool | None:
-        """What a decided condition says where it says the same of all boxes, else None."""
-        said = (self.low != 0).astype(bool)
-        return bool(said[0]) if said.all() or not said.any() else None
-
-    def touches_zero(self) -> bool:
-        """Whether a box holds zero or what is below."""
-        return bool((self.low <= 0).any())
-
-    def open_rows(self) -> np.ndarray:
-        """Rows that hold more than one number."""
-        return np.flatnonzero((self.low != self.high).astype(bool))
 
     def cells(self, size: Fraction) -> tuple[np.ndarray, np.ndarray]:
         """Numbers of the first and the last cell that hold each box; cell k is [k, k + 1] size.
@@ -248,11 +149,6 @@ def _within(low: np.ndarray, high: np.ndarray) -> WholeBoxes:
     if low.size and (low.min() < -FARTHEST or high.max() > FARTHEST):
         raise ArithmeticError("nothing bounds it")
     return WholeBoxes(low, high)
-
-
-def _truth(sure: Any, possible: Any) -> WholeBoxes:
-    return WholeBoxes(*(np.asarray(x, bool).astype(int).astype(object) * ONE
-                        for x in (sure, possible)))  # fmt: skip
 
 
 def _each(what: Callable[[int], int], values: np.ndarray) -> np.ndarray:
