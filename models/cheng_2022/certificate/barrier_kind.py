@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from decimal import Decimal
 from fractions import Fraction
-from typing import Any
+from typing import Any, TypeVar
 
 from slipctl.certify import smtlib
 from slipctl.certify.arithmetic import decimal_intervals
@@ -20,10 +19,9 @@ from slipctl.certify.entries import DoesNotHold, read_mapping
 from slipctl.certify.planar import (
     interval_systems,
     lagged_maps,
-    lagged_runs,
     scalar_maps,
-    scalar_runs,
 )
+from slipctl.certify.planar.bounded_error import BoundedError
 from slipctl.certify.planar.scalar_maps import CubicPull, Interval, Tick
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
@@ -37,15 +35,14 @@ from slipctl.certify.systems import (
     Number,
     Numbers,
     Quantity,
-    Refuter,
     Side,
     System,
     Target,
-    Witness,
 )
 from slipctl.errors import BadInput
 from slipctl.models.cheng_2022.certificate import barrier
 
+Law = TypeVar("Law")
 HALF = Fraction(1, 2)
 
 
@@ -117,6 +114,10 @@ def _lagged(n: Numbers, number: Callable[[Any], Any]) -> lagged_maps.Lagged:
     zero = T - T
     return lagged_maps.Lagged(tick.below, tick.above, tick.push, tick.noise, dead, E, c1, c2,
                               scale, zero + 1, zero, zero)  # fmt: skip
+
+
+def _always(law: Law) -> Callable[[int], Law]:
+    return lambda i: law
 
 
 def _start(n: Numbers, number: Callable[[Any], Any]) -> Interval:
@@ -216,98 +217,12 @@ def _polygon_step(n: Numbers, entry: Entries) -> list[str]:
     return [smtlib.problem(("z", "alpha", "y"), facts, claim) for claim in claims]
 
 
-def _polygon(n: Numbers) -> Entries | None:
-    if not _behind(n):
-        return None
-    law = _lagged(n, float)
-    start, none = _start(n, scalar_maps.exactly), Decimal(0)
-    return interval_systems.find_polygons(law, law, lambda: _decimal_laws(n), _start(n, float), 0.0,
-                                 (start, none))  # fmt: skip
-
-
-def _decimal_laws(n: Numbers) -> tuple[lagged_maps.Lagged, lagged_maps.Lagged]:
-    with precise(scalar_maps.DIGITS):
-        law = _lagged(n, scalar_maps.exactly)
-    return law, law
-
-
-def _check_polygon(n: Numbers, given: Entries) -> None:
-    if not _behind(n):
-        raise DoesNotHold("proofs.polygon: nothing is behind an actuator")
-    with interval_systems.stop_at_overflow():
-        start = _start(n, scalar_maps.exactly)
-        interval_systems.check_polygons(*_decimal_laws(n), start, Decimal(0), given)
-        return
-    raise DoesNotHold("proofs.polygon: numbers too large for a proof")
-
-
-# ---- counterexamples ----------------------------------------------------------------------------
-
-
-def _behind(n: Numbers) -> bool:
-    return bool(n.get("lag") or n.get("dead"))
-
-
-def _run(n: Numbers) -> Entries | None:
-    if _behind(n):
-        return None
-    tick, start = _tick(n, float), _start(n, float)
-    found = scalar_runs.outward(lambda i: tick, start)
-    return (
-        None if found is None else interval_systems.run_texts(found, lambda i: tick, "start", start)
-    )
-
-
-def _replay(n: Numbers, given: Entries) -> str:
-    if _behind(n):
-        raise DoesNotHold("counterexample: this run has no lag")
-    with interval_systems.stop_at_overflow(), precise(scalar_maps.DIGITS):
-        tick, start = _tick(n, scalar_maps.exactly), _start(n, scalar_maps.exactly)
-        after = interval_systems.replay(
-            given, {"start": lambda i: tick}, {"start": start}, Decimal(0)
-        )
-        return f"the error passes its barrier after {float(after * n['T']):.6g} s"
-    raise DoesNotHold("counterexample: numbers too large for a proof")
-
-
-def _drift(n: Numbers) -> Entries | None:
-    return interval_systems.find_drift(_tick(n, float))
-
-
-def _replay_drift(n: Numbers, given: Entries) -> str:
-    with interval_systems.stop_at_overflow():
-        with precise(scalar_maps.DIGITS):
-            tick = _tick(n, scalar_maps.exactly)
-        interval_systems.replay_drift(given, tick)
-        return "the push is above the largest pull, and the error passes its barrier"
-    raise DoesNotHold("counterexample: numbers too large for a proof")
-
-
-def _run_behind(n: Numbers) -> Entries | None:
-    if not _behind(n):
-        return None
-    law = _lagged(n, float)
-    found = lagged_runs.outward(lambda i: law, _start(n, float))
-    if found is None:
-        return None
-    with interval_systems.stop_at_overflow(), precise(scalar_maps.DIGITS):
-        exact = _lagged(n, scalar_maps.exactly)
-        path = lagged_runs.exact(lambda i: exact, found, Decimal(0),
-                                 _start(n, scalar_maps.exactly))  # fmt: skip
-        return None if path is None else interval_systems.path_texts(path, "start")
-    return None
-
-
-def _replay_behind(n: Numbers, given: Entries) -> str:
-    if not _behind(n):
-        raise DoesNotHold("counterexample: this run has a lag")
-    with interval_systems.stop_at_overflow(), precise(scalar_maps.DIGITS):
-        law, start = _lagged(n, scalar_maps.exactly), _start(n, scalar_maps.exactly)
-        after = interval_systems.replay_path(
-            given, {"start": lambda i: law}, {"start": start}, Decimal(0)
-        )
-        return f"the error passes its barrier after {float(after * n['T']):.6g} s"
-    raise DoesNotHold("counterexample: numbers too large for a proof")
+ERROR = BoundedError(
+    "barrier", "the error passes its barrier", "m/s^2", " towards the nearer barrier",
+    lambda n: n["W"], lambda n, number: {"start": _always(_tick(n, number))},
+    lambda n, number: {"start": _always(_lagged(n, number))},
+    lambda n, number: (_lagged(n, number),) * 2, _start,
+)  # fmt: skip
 
 
 # ---- the system ---------------------------------------------------------------------------------
@@ -324,18 +239,6 @@ def _values(n: Numbers) -> dict[str, Quantity]:
         "stable_period": (barrier.stable_period(k, a, b), "s"),
         "error_in_the_end": (barrier.settled_error(n["W"], k, min(a, b)), "m/s"),
     }
-
-
-def _witness(n: Numbers) -> Witness | None:
-    """Run of the law that passes the barrier, in e/k_s."""
-    given = {k: Fraction(v) for k, v in n.items()}
-    if _drift(given) is not None:
-        return Witness(f"the constant w = {n['W']:.6g} m/s^2 towards the nearer barrier",
-                       {"leaves_the_barrier": (1.0, "1")})  # fmt: skip
-    entries = _run(given) or _run_behind(given)
-    if entries is None:
-        return None
-    return interval_systems.witness(entries, n["T"], n["W"], "m/s^2", "barrier")
 
 
 BARRIER = register(System(
@@ -373,18 +276,16 @@ BARRIER = register(System(
                               covers=("T", "W", "noise"), step=_kept_step),
         "polygon": Criterion("sampled, behind the actuator: a polygon of errors and actuator is"
                              " never left", kind=EXACT, proves=("stays",),
-                             evidence=Evidence(_polygon, _check_polygon),
+                             evidence=ERROR.polygon(),
                              covers=("T", "W", "noise", "lag", "dead"), step=_polygon_step),
     },
     {"stays": Target("e, as it is measured, stays in (-{k_a}, {k_s}) at every tick")},
     start="every error in {start} times (-{k_a}, {k_s})",
-    refuters={"drift": Refuter("stays", _drift, _replay_drift),
-              "run": Refuter("stays", _run, _replay),
-              "run_behind_the_actuator": Refuter("stays", _run_behind, _replay_behind)},
+    refuters=ERROR.refuters(),
     never=("a step of the reference", "a limit of the command"),
     guard=guard,
     values=_values,
-    witness=_witness,
+    witness=ERROR.witness,
     panel=({"k": 1200.0, "k_a": 1.22986, "k_s": 0.02, "W": 5e-3, "T": 2e-4},
      {"k": 1200.0, "k_a": 1.22986, "k_s": 0.02, "W": 1e-2, "T": 1e-3}),
     time=lambda n: SAMPLED,

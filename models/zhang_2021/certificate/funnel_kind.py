@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
 from functools import cache
 from typing import Any
 
 from slipctl.certify.arithmetic import decimal_intervals
-from slipctl.certify.arithmetic.decimal_intervals import precise
 from slipctl.certify.entries import DoesNotHold
 from slipctl.certify.planar import (
     interval_systems,
     lagged_maps,
-    lagged_runs,
-    scalar_maps,
-    scalar_runs,
 )
-from slipctl.certify.planar.scalar_maps import AtanhPull, Interval
+from slipctl.certify.planar.bounded_error import BoundedError
+from slipctl.certify.planar.scalar_maps import AtanhPull, Interval, Tick
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     EXACT,
@@ -32,19 +30,15 @@ from slipctl.certify.systems import (
     Number,
     Numbers,
     Quantity,
-    Refuter,
     Side,
     System,
     Target,
-    Witness,
 )
 from slipctl.errors import BadInput
 from slipctl.models.zhang_2021.certificate import prescribed_performance as ppc
 from slipctl.models.zhang_2021.certificate import sampled_funnel as funnel
 
 DIGITS = 60
-
-MIDDLE = Interval(Decimal(0), Decimal(0))
 
 
 @cache
@@ -206,121 +200,11 @@ def _lagged(n: Numbers, number: Callable[[Any], Any], standing: bool = False) ->
     )  # fmt: skip
 
 
-def _polygon(n: Numbers) -> Entries | None:
-    if not _behind(n):
-        return None
-    law, start = _lagged(n, float), float(_begin(n))
-    if law.r != 1 and law.dead:
-        return None
-    return interval_systems.find_polygons(
-        law, _lagged(n, float, True), lambda: _decimal_laws(n), Interval(-start, start),
-        float(_share(n, n.get("step", 0))), _start_and_step(n),
-    )  # fmt: skip
-
-
-def _decimal_laws(n: Numbers) -> tuple[Any, Any]:
-    with precise(scalar_maps.DIGITS):
-        return _lagged(n, scalar_maps.exactly), _lagged(n, scalar_maps.exactly, True)
-
-
-def _start_and_step(n: Numbers) -> tuple[Interval, Decimal]:
-    start = scalar_maps.exactly(_begin(n))
-    return (Interval(-start, start),
-            scalar_maps.exactly(_share(n, Fraction(n.get("step", 0)))))  # fmt: skip
-
-
-def _check_polygon(n: Numbers, given: Entries) -> None:
-    if not _behind(n):
-        raise DoesNotHold("proofs.polygon: nothing is behind an actuator")
-    with interval_systems.stop_at_overflow():
-        law, standing = _decimal_laws(n)
-        if law.r != 1 and law.dead:
-            raise DoesNotHold("proofs.polygon: no dead time while the funnel shrinks")
-        interval_systems.check_polygons(law, standing, *_start_and_step(n), given)
-        return
-    raise DoesNotHold("proofs.polygon: numbers too large for a proof")
-
-
-# ---- counterexamples ----------------------------------------------------------------------------
-
-
-def _behind(n: Numbers) -> bool:
-    return bool(n.get("lag") or n.get("dead"))
-
-
-def _run(n: Numbers) -> Entries | None:
-    """Start and disturbance that leave, without lag: from the start set, or after a step."""
-    if _behind(n):
-        return None
-    law, start = _floats(n), float(_begin(n))
-    found = scalar_runs.outward(law.ticks(), Interval(-start, start))
-    if found is not None:
-        return interval_systems.run_texts(found, law.ticks(), "start", Interval(-start, start))
-    share = float(_share(n, n.get("step", 0)))
-    if share or _moves(n):
-        tick = law.standing()
-        found = scalar_runs.outward(lambda i: tick, Interval(0.0, 0.0), share)
-        if found is not None:
-            return interval_systems.run_texts(
-                found, lambda i: tick, "middle", Interval(0.0, 0.0), share
-            )
-    return None
-
-
-def _replay(n: Numbers, given: Entries) -> str:
-    if _behind(n):
-        raise DoesNotHold("counterexample: this run has no lag")
-    with interval_systems.stop_at_overflow():
-        with precise(scalar_maps.DIGITS):
-            law = funnel.decimals(_law(n))
-            tick = law.standing()
-            start, step = _start_and_step(n)
-            after = interval_systems.replay(given, {"start": law.ticks(), "middle": lambda i: tick},
-                                   {"start": start, "middle": MIDDLE}, step)  # fmt: skip
-        return f"the error leaves its funnel after {float(after * n['T']):.6g} s"
-    raise DoesNotHold("counterexample: numbers too large for a proof")
-
-
-def _drift(n: Numbers) -> Entries | None:
-    return interval_systems.find_drift(_floats(n).standing())
-
-
-def _replay_drift(n: Numbers, given: Entries) -> str:
-    with interval_systems.stop_at_overflow():
-        with precise(scalar_maps.DIGITS):
-            tick = funnel.decimals(_law(n)).standing()
-        interval_systems.replay_drift(given, tick)
-        return "the push is above the largest pull, and the error leaves its funnel"
-    raise DoesNotHold("counterexample: numbers too large for a proof")
-
-
-def _run_behind(n: Numbers) -> Entries | None:
-    if not _behind(n):
-        return None
-    law, standing = _lagged_in_time(n, float), _lagged(n, float, True)
-    start_at = float(_begin(n))
-    found, start = lagged_runs.outward(law, Interval(-start_at, start_at)), "start"
-    if found is None:
-        share = float(_share(n, n.get("step", 0)))
-        found, start = lagged_runs.outward(lambda i: standing, Interval(0.0, 0.0), share), "middle"
-    if found is None:
-        return None
-    with interval_systems.stop_at_overflow(), precise(scalar_maps.DIGITS):
-        still = _lagged(n, scalar_maps.exactly, True)
-        laws = {"start": _lagged_in_time(n, scalar_maps.exactly), "middle": lambda i: still}
-        begin, step = _start_and_step(n)
-        path = lagged_runs.exact(laws[start], found, step, begin if start == "start" else MIDDLE)
-        return None if path is None else interval_systems.path_texts(path, start)
-    return None
-
-
 def _lagged_in_time(n: Numbers, number: Callable[[Any], Any]) -> Callable[[int], Any]:
     """The law behind its actuator at each tick, with the funnel of that tick."""
     standing = _lagged(n, number, True)
     if not _moves(n):
         return lambda i: standing
-    from dataclasses import replace
-
     moving = _lagged(n, number)
     own = funnel.Funnel(**{k: number(v) for k, v in _law(n).items()})
     fall = 1 - own.shrink
@@ -335,19 +219,24 @@ def _lagged_in_time(n: Numbers, number: Callable[[Any], Any]) -> Callable[[int],
     return law
 
 
-def _replay_behind(n: Numbers, given: Entries) -> str:
-    if not _behind(n):
-        raise DoesNotHold("counterexample: this run has a lag")
-    with interval_systems.stop_at_overflow():
-        with precise(scalar_maps.DIGITS):
-            standing = _lagged(n, scalar_maps.exactly, True)
-            start, step = _start_and_step(n)
-            laws = {"start": _lagged_in_time(n, scalar_maps.exactly), "middle": lambda i: standing}
-            after = interval_systems.replay_path(
-                given, laws, {"start": start, "middle": MIDDLE}, step
-            )
-        return f"the error leaves its funnel after {float(after * n['T']):.6g} s"
-    raise DoesNotHold("counterexample: numbers too large for a proof")
+def _ticks(n: Numbers, number: Callable[[Any], Any]) -> dict[str, Callable[[int], Tick]]:
+    """The law alone: with the funnel of each tick, and standing still."""
+    law = _floats(n) if number is float else funnel.decimals(_law(n))
+    standing = law.standing()
+    return {"start": law.ticks(), "middle": lambda i: standing}
+
+
+def _lagged_ticks(n: Numbers, number: Callable[[Any], Any]) -> dict[str, Callable[[int], Any]]:
+    standing = _lagged(n, number, True)
+    return {"start": _lagged_in_time(n, number), "middle": lambda i: standing}
+
+
+ERROR = BoundedError(
+    "funnel", "the error leaves its funnel", "1/s", ", outward", disturbance, _ticks, _lagged_ticks,
+    lambda n, number: (_lagged(n, number), _lagged(n, number, True)),
+    lambda n, number: Interval(number(-_begin(n)), number(_begin(n))),
+    lambda n, number: number(_share(n, Fraction(n.get("step", 0)))), _moves,
+)  # fmt: skip
 
 
 # ---- the system ---------------------------------------------------------------------------------
@@ -368,18 +257,6 @@ def _values(n: Numbers) -> dict[str, Quantity]:
         found["lowest_speed_without_the_vehicle_term"] = (
             ppc.lowest_speed(n["a"], n["slip"], W), "m/s")  # fmt: skip
     return found
-
-
-def _witness(n: Numbers) -> Witness | None:
-    """Run of the law that leaves, in z; without lag."""
-    given = {k: Fraction(v) for k, v in n.items()}
-    if _drift(given) is not None:
-        return Witness(f"the constant w = {disturbance(n):.6g} 1/s, outward",
-                       {"leaves_the_funnel": (1.0, "1")})  # fmt: skip
-    entries = _run(given) or _run_behind(given)
-    if entries is None:
-        return None
-    return interval_systems.witness(entries, n["T"], disturbance(n), "1/s", "funnel")
 
 
 _INPUTS = ("T", "W", "step", "F_error", "a", "noise")
@@ -439,18 +316,16 @@ PRESCRIBED_PERFORMANCE = register(System(
                               covers=(*_INPUTS, "eta_0")),
         "polygon": Criterion("sampled, behind the actuator: a polygon of errors and actuator is"
                              " never left", kind=EXACT, needs=(), proves=("stays",),
-                             evidence=Evidence(_polygon, _check_polygon),
+                             evidence=ERROR.polygon(),
                              covers=(*_INPUTS, "eta_0", "lag", "dead")),
     },
     {"stays": Target("the error, as it is measured, stays inside its funnel at every tick")},
     start="every error up to {start} of the half-width from the middle of the funnel",
-    refuters={"drift": Refuter("stays", _drift, _replay_drift),
-              "run": Refuter("stays", _run, _replay),
-              "run_behind_the_actuator": Refuter("stays", _run_behind, _replay_behind)},
+    refuters=ERROR.refuters(),
     never=("the time between two ticks of a funnel that shrinks", "a limit of the command"),
     guard=guard,
     values=_values,
-    witness=_witness,
+    witness=ERROR.witness,
     panel=({"K1": 100.0, "T": 1e-3, "eta_inf": 5e-3, "delta_l": 1.2, "delta_u": 1.2, "W": 0.2},
      {"K1": 100.0, "T": 3e-2, "eta_inf": 5e-3, "delta_l": 1.2, "delta_u": 1.0, "W": 0.02,
       "step": 5e-4}),
