@@ -108,7 +108,6 @@ def test_robust_shape_stays_inside_for_every_disturbance(W, q, width):
     assert 0 < e < width
     if e < 0.999 * width:
         assert bl.robust_pull(e, q, width) == pytest.approx(W, rel=1e-6)
-        assert bl.smallest_rate(W, width, e / width) == pytest.approx(q, rel=1e-6)
 
 
 def test_robust_shape_holds_what_the_printed_one_cannot():

@@ -15,6 +15,9 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import Any
+
+import numpy as np
 
 from slipctl.certify.arithmetic.bisection import bisect
 from slipctl.errors import BadInput
@@ -163,11 +166,6 @@ def robust_settled(W: float, q: float, width: float) -> float:
     return width * load / (1 + math.sqrt(1 + load * load))
 
 
-def smallest_rate(W: float, width: float, share: float) -> float:
-    """Least q in 1/s that keeps |e| <= share k_x under W: W (1 - share^2)/(share k_x)."""
-    return abs(W) * (1 - share * share) / (share * width)
-
-
 def robust_holds(kappa: float, zb: float, om: float = 0.0) -> bool:
     """Whether |z| <= zb < 1 is invariant under the sampled robust shape.
 
@@ -266,3 +264,13 @@ def check_rate(where: str, q: float, T: float, share: float = 0.9) -> None:
             f"{where}: q = {q:g} 1/s at T = {T:g} s is q T = {q * T:g}, and keeping {share:g} of"
             f" the barrier needs 0 < q T <= {limit:.4g}; q = {0.99 * limit / T:.3g} 1/s would pass"
         )
+
+
+def lyapunov(e: Any, w: Any, k: float, k_a: float, k_s: float) -> tuple[Any, Any]:
+    """V and V', V = ln(k_x^2/(k_x^2 - e^2))/2, k_x = k_a for e < 0, else k_s; Cheng 2022 (43)-(48).
+
+    V' = e e'/(k_x^2 - e^2) = -2 k e^2 + e w/(k_x^2 - e^2) with the printed shape.
+    """
+    width = np.where(np.asarray(e) < 0, k_a, k_s)
+    room = width**2 - e * e
+    return np.log(width**2 / room) / 2, -2 * k * e * e + e * w / room

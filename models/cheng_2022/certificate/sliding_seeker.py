@@ -16,6 +16,8 @@ from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any, NamedTuple
 
+import numpy as np
+
 MOST_TICKS = 20_000
 """Ticks that a replay takes at most."""
 
@@ -254,3 +256,14 @@ def last_swing(found: list[Turn], left: int, right: int) -> Any:
         places = [t.x for t in found[end - period : end]]
         widths.append(max(places) - min(places))
     return widths[0] if widths[1] >= widths[0] else 0
+
+
+def lyapunov(delta: Any, slope: Any, k: float, rho: float, beta: float) -> tuple[Any, Any]:
+    """V and V', V = x^2/2, x = sin(pi delta/beta) of the sliding-mode seeker; Cheng 2022 (25)-(28).
+
+    delta' = k mu' sgn x - rho; V' = x cos(pi delta/beta) (pi/beta) delta', negative around odd
+    multiples of beta for k mu' > rho, and around even ones for k mu' < -rho.
+    """
+    x = np.sin(np.pi * delta / beta)
+    rate = np.pi / beta * np.cos(np.pi * delta / beta) * (k * slope * np.sign(x) - rho)
+    return x * x / 2, x * rate

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 
 def chatter(g1: float, g2: float, T: float) -> float:
     """Half-swing in m/s of the period-2 orbit of s+ = s - T (g1 s + g2 sgn s): T g2/(2 - T g1).
@@ -93,3 +95,11 @@ def stable_sampled(g1: float, T: float, lag: float = 0.0) -> bool:
     (a, b, c, d), _, _ = tick(g1, 0.0, T, lag)
     det, trace = a * d - b * c, a + d
     return det <= 1 - (g1 > 0) * 1e-15 and 1 + trace + det > 0 and 1 - trace + det > -1e-12
+
+
+def lyapunov(s: Any, d: Any, g1: float, g2: float) -> tuple[Any, Any]:
+    """V and V', V = s^2/2 of the reaching law s' = -g1 s - g2 sgn s + d; Huang 2020 (23).
+
+    V' = -g1 s^2 - g2 |s| + s d, negative for |d| < g2. The paper prints no proof of this law.
+    """
+    return s * s / 2, -g1 * s * s - g2 * np.abs(s) + s * d

@@ -14,6 +14,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 UNITS = {"k1": "m^.5/s^1.5", "k2": "m/s^3", "L": "m/s^3", "delta": "m^.5/s^1.5"}
 """Unit of each number."""
 
@@ -329,3 +331,22 @@ SUFFICIENT = {
     "no_overshoot": no_overshoot,
 }
 """Sufficient criteria by name, of k1, k2, L."""
+
+
+def lyapunov(
+    x1: Any, x2: Any, d: Any, k1: float, k2: float, P: tuple[float, float, float] | None = None
+) -> tuple[Any, Any]:
+    """V and V', V = zeta' P zeta, zeta = (|x1|^.5 sgn x1, x2); Huang 2020 (44)-(48).
+
+    V' = (1/|zeta1|) zeta' (A'P + PA) zeta + 2 (P zeta)_2 d, A = [[-k1/2, 1/2], [-k2, 0]].
+
+    Args:
+        x1, x2: state; V' is infinite at x1 = 0. d: disturbance of x2'. k1, k2: gains.
+        P: (P11, P12, P22); by default (46), [[4 k2 + k1^2, -k1], [-k1, 2]]/2.
+    """
+    p, r, q = P or ((4 * k2 + k1 * k1) / 2, -k1 / 2, 1.0)
+    z = np.sqrt(np.abs(x1)) * np.sign(x1)
+    V = p * z * z + 2 * r * z * x2 + q * x2 * x2
+    rate1 = (-k1 * z + x2) / (2 * np.abs(z))
+    rate2 = -k2 * np.sign(z) + d
+    return V, 2 * (p * z + r * x2) * rate1 + 2 * (r * z + q * x2) * rate2

@@ -11,6 +11,9 @@ equality at e1 = 0 only: K3 neither helps nor hurts L. So each bound is one of
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
 
 from slipctl.certify.arithmetic.bisection import bisect
 from slipctl.models.super_twisting.certificate import super_twisting as sta
@@ -142,3 +145,21 @@ def implicit_error(L: float, T: float) -> float:
     f = 0 with its mean taken off agree at the ticks up to O(T^2) in w.
     """
     return L * T / 2
+
+
+def lyapunov(
+    e: Any, z: Any, d: Any, K1: float, K2: float, K3: float, P: tuple[float, float, float]
+) -> tuple[Any, Any]:
+    """V and V', V = zeta' P zeta, zeta = (Phi1(e), z); Wang 2025, proof of Theorem 1.
+
+    Args:
+        e, z: error of the speed, and of f. d: f'. K1, K2, K3: gains. P: (P11, P12, P22).
+    """
+    root = np.sqrt(np.abs(e))
+    phi1 = (root + K3 * root**3) * np.sign(e)
+    slope = 1 / (2 * root) + 1.5 * K3 * root
+    p, r, q = P
+    rate1 = slope * (z - K1 * phi1)
+    rate2 = -K2 * phi1 * slope + d
+    V = p * phi1 * phi1 + 2 * r * phi1 * z + q * z * z
+    return V, 2 * (p * phi1 + r * z) * rate1 + 2 * (r * phi1 + q * z) * rate2

@@ -11,6 +11,9 @@ unit of length; the bounds below it do not.
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
 
 from slipctl.certify.arithmetic.bisection import bisect
 from slipctl.models.super_twisting.certificate import super_twisting as sta
@@ -99,3 +102,31 @@ def exact_eta(k1: float, k2: float) -> float:
     if sta.exact(k1, k2 / 2, k2 / 2 * (1 - 1e-12)):
         return k2 / 2
     return bisect(lambda eta: sta.log_ratio(k1, k2 / 2, eta), 0.0, 0.0, k2 / 2)
+
+
+def lyapunov(
+    s: Any, v: Any, d: Any, k: Any, k_rate: Any, k_wanted: float, alpha: float, beta: float
+) -> tuple[Any, Any]:
+    """V and V', V = zeta' P zeta + (1 + 4 beta^2)/2 (k - k_wanted)^2; Wang 2025, Theorem 2.
+
+    zeta = (phi1(s), v), P = [[alpha + 4 beta^2, -2 beta], [-2 beta, 1]], s' = -k phi1 + v,
+    v' = -2 beta k phi2 + d.
+
+    Proof note: with k' = phi1 phi2 2 alpha/(1 + 4 beta^2) the part of V' that holds k - k_wanted
+    vanishes, because (A(k) - A(k_wanted))'P + P(..) = diag(-2 alpha (k - k_wanted), 0).
+
+    Args:
+        s, v: state. d: disturbance of v' in m/s^3. k, k_rate: gain and its rate.
+        k_wanted: the gain that (49) asks for. alpha, beta: of the law.
+    """
+    root = np.sqrt(np.abs(s))
+    phi1 = (root + root**2) * np.sign(s)
+    slope = 1 / (2 * root) + 1
+    p, r = alpha + 4 * beta**2, -2 * beta
+    rate1 = slope * (v - k * phi1)
+    rate2 = -2 * beta * k * phi1 * slope + d
+    off = k - k_wanted
+    weight = (1 + 4 * beta**2) / 2
+    V = p * phi1**2 + 2 * r * phi1 * v + v * v + weight * off * off
+    rate = 2 * (p * phi1 + r * v) * rate1 + 2 * (r * phi1 + v) * rate2 + 2 * weight * off * k_rate
+    return V, rate

@@ -156,20 +156,6 @@ def comes_back(law: Saturated, s: Any, steps: int = STEPS) -> bool:
     return found is None or bool(found[0] >= s)
 
 
-def largest_start(law: Saturated) -> float:
-    """Largest start at rest from which every motion dies out, by floats; inf if any."""
-    reach = min(*law.left, *law.right) / law.stiff
-    low, high = 0.0, reach
-    while dies_out(law, high):
-        low, high = high, 2 * high
-        if high > 1e9 * reach:
-            return math.inf
-    for _ in range(30):
-        middle = (low + high) / 2
-        low, high = (middle, high) if dies_out(law, middle) else (low, middle)
-    return low
-
-
 def exactly(numbers: Sequence[Fraction]) -> list[Decimal]:
     """Decimals of DIGITS digits."""
     with precise(DIGITS):

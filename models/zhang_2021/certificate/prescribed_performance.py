@@ -18,6 +18,9 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import Any
+
+import numpy as np
 
 from slipctl.certify.arithmetic.bisection import bisect
 from slipctl.errors import BadInput
@@ -364,3 +367,16 @@ def _above(number: float) -> str:
     """Three digits, not below."""
     digits = 2 - math.floor(math.log10(number))
     return f"{math.ceil(number * 10**digits * (1 - 1e-12)) / 10**digits:g}"
+
+
+def lyapunov(z: Any, w: Any, K1: float, width: float) -> tuple[Any, Any]:
+    """V and V', V = eps^2/2 of prescribed performance, eps = atanh z; Zhang 2021 (35)-(37).
+
+    eps' = -K1 eps + l w, l = 1/(width (1 - z^2)): V' = -K1 eps^2 + l eps w.
+
+    Args:
+        z: share of the half-width. w: disturbance of the slip ratio's rate in 1/s. K1: gain.
+        width: eta (delta_l + delta_u)/2.
+    """
+    eps = np.arctanh(z)
+    return eps * eps / 2, -K1 * eps * eps + eps * w / (width * (1 - z * z))

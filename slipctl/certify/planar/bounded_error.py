@@ -1,7 +1,7 @@
 """A law that holds one error inside bounds: the polygon that proves it, the runs that refute it.
 
-A kind of law brings what it does in a tick, alone and behind an actuator, where it may start, and
-how far a step of its reference moves the error. All else is the same for every law.
+A kind of law brings what it does in a tick, alone and behind an actuator. It also brings where the
+error may start, and how far a step of its reference moves it. All else is the same for every law.
 """
 
 from __future__ import annotations
