@@ -14,7 +14,6 @@ import pytest
 from slipctl import BadInput
 from slipctl.certify import certificate, proofs, safe_json
 from slipctl.certify.arithmetic import binomial
-from slipctl.certify.arithmetic.ball import Ball
 from slipctl.certify.bounds import extremum, linear_kind, observers
 from slipctl.certify.catalogue import SYSTEMS, certify
 from slipctl.certify.checksum import with_checksum
@@ -34,6 +33,7 @@ from slipctl.models.cheng_2022.certificate import (
     seeking_kind,
     sliding_seeker,
 )
+from slipctl.models.cheng_2022.certificate.ball import Ball
 from slipctl.models.huang_2020.certificate import relay_orbits, relay_proof, relay_sets
 from slipctl.models.huang_2020.certificate.relay_sets import Relay
 from slipctl.models.super_twisting.certificate import (

@@ -49,7 +49,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from slipctl.certify.arithmetic.ball import DOWN, UP, WELL_DOWN, WELL_UP, Ball
+from slipctl.models.cheng_2022.certificate.ball import DOWN, UP, WELL_DOWN, WELL_UP, Ball
 
 NODES = 1024
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from decimal import Context, Decimal
 from fractions import Fraction
 
-from slipctl.certify.arithmetic.ball import DOWN, WELL_UP
+from slipctl.models.cheng_2022.certificate.ball import DOWN, WELL_UP
 
 DIGITS = 64
 

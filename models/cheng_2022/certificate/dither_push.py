@@ -33,7 +33,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from slipctl.certify.arithmetic.ball import DOWN, WELL_DOWN, WELL_UP
+from slipctl.models.cheng_2022.certificate.ball import DOWN, WELL_DOWN, WELL_UP
 from slipctl.models.cheng_2022.certificate.dither import NODES, Found, Loop, basis_at, gain
 from slipctl.models.cheng_2022.certificate.dither_search import TIE, first_of_the_best
 

@@ -8,7 +8,6 @@ from fractions import Fraction
 from functools import partial
 from typing import Any
 
-from slipctl.certify.arithmetic.ball import UP, WELL_UP
 from slipctl.certify.bounds import extremum as bounds
 from slipctl.certify.checksum import with_checksum, without_checksum
 from slipctl.certify.entries import DoesNotHold, rational, rows, whole
@@ -40,6 +39,7 @@ from slipctl.models.cheng_2022.certificate import (
     dither_search,
     sliding_seeker,
 )
+from slipctl.models.cheng_2022.certificate.ball import UP, WELL_UP
 from slipctl.models.cheng_2022.certificate.seeking_kind import HEARD
 
 MOST_DITHER_TICKS = 60_000

@@ -8,7 +8,6 @@ from fractions import Fraction
 from typing import Any
 
 from slipctl.certify import smtlib
-from slipctl.certify.arithmetic import chi_squared
 from slipctl.certify.arithmetic.decimal_intervals import ln_of
 from slipctl.certify.bounds import filters
 from slipctl.certify.promise import check_whole
@@ -30,6 +29,7 @@ from slipctl.certify.systems import (
     Witness,
 )
 from slipctl.errors import BadInput
+from slipctl.models.zhang_2021.certificate import chi_squared
 
 
 def _dies_out(n: Numbers) -> Sequence[Side]:
