@@ -16,6 +16,7 @@ from typing import Any
 from made import made
 
 import slipctl
+import slipctl.models
 from slipctl.study import resolve
 
 PAGE = Path(__file__).parent / "api.md"
@@ -44,14 +45,21 @@ def page() -> str:
     for title, package in (("Bounds", "slipctl.certify"), ("Models", "slipctl.models")):
         home = importlib.import_module(package)
         parts.append(f"## {title}\n\n{first_line(home)}\n")
-        stems = (m.name for m in pkgutil.iter_modules(home.__path__))
-        if title == "Models":
-            stems = (*resolve.model_files(), "vehicle")
-        for stem in sorted(s for s in stems if not s.startswith("_")):
-            found = importlib.import_module(f"{package}.{stem}")
-            parts.append(f"### {package}.{stem}\n\n{prose(inspect.getdoc(found) or '')}\n")
+        names = [f"{package}.{s}" for s in (*resolve.model_files(), "vehicle")]
+        if title == "Bounds":
+            papers = pkgutil.walk_packages(slipctl.models.__path__, "slipctl.models.")
+            modules = (*pkgutil.walk_packages(home.__path__, f"{package}."), *papers)
+            names = [m.name for m in modules if not m.ispkg and is_proof(m.name)]
+        for name in sorted(n for n in names if ".__" not in n):
+            found = importlib.import_module(name)
+            parts.append(f"### {name}\n\n{prose(inspect.getdoc(found) or '')}\n")
             parts += [entry(k, v, 4) for k, v in own(found)]
     return "\n".join(parts)
+
+
+def is_proof(module: str) -> bool:
+    """Whether a module is of certify, or stands beside the law of a paper and proves it."""
+    return ".certify." in module or (".certificate." in module and ".vehicle." not in module)
 
 
 def first_line(module: ModuleType) -> str:

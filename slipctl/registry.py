@@ -69,6 +69,21 @@ def module(package: str, name: str) -> ModuleType:
     return import_module(f"{package_name(package)}.{name}")
 
 
+def modules_ending(end: str, *more: tuple[Path, str]) -> list[str]:
+    """Names of all modules with such an ending, in registered packages and in ``more``, by stem.
+
+    Args:
+        end: how their names end.
+        more: folders, each with the name of its package.
+    """
+    homes = [(folder(package), package_name(package)) for package in entries(PACKAGES)]
+    found = {}
+    for home, name in (*more, *homes):
+        for path in home.rglob(f"*{end}.py"):
+            found[path.stem] = ".".join((name, *path.relative_to(home).with_suffix("").parts))
+    return [found[stem] for stem in sorted(found)]
+
+
 def view(thing: Any, format: str) -> str:
     """What a notebook shows of a thing: ``"html"`` or ``"latex"``."""
     return str(load(VIEWS, format)(thing))

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.certify import super_twisting
-from slipctl.certify.twisting_report import exact_gains, exact_verdict
+from slipctl.models.super_twisting.certificate import super_twisting
+from slipctl.models.super_twisting.certificate.twisting_report import exact_gains, exact_verdict
 
 GAINS = (2.0, 1.1, 1.0)
 SIDE = 200

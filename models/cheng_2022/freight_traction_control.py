@@ -11,7 +11,7 @@ gamma = r/(J R_g), a wanted e' = -kappa(e) is reached by
 Equations (42), (44), (47) print -f in place of D, which (8) makes positive. The command then adds
 to the disturbance, e' = -2 D - kappa(e). The creep rests below the wanted one, where the far
 stronger pull of the k_a side equals 2 D. The pull of the printed shape vanishes at the barrier: it
-holds disturbances below 4 k k_s^3/(3 sqrt 3) only (``slipctl.certify.barrier``).
+holds disturbances below 4 k k_s^3/(3 sqrt 3) only (``certificate.barrier``).
 
 Added here: D from adhesion estimate and resistance as known; v_ref' is an input, because a seeker
 knows it; a torque limit. The robust shape counts e at most ``share`` of the way to the barrier, so
@@ -38,9 +38,9 @@ from slipctl import (
     sampled,
     step,
 )
-from slipctl.certify import barrier as barrier_bounds
-from slipctl.certify import extremum, observers
+from slipctl.certify.bounds import extremum, observers
 from slipctl.errors import refuse_unknown_choice
+from slipctl.models.cheng_2022.certificate import barrier as barrier_bounds
 from slipctl.models.cheng_2022.freight_traction import (
     GUESS,
     TABLE_2,

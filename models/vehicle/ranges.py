@@ -14,7 +14,7 @@ import numpy as np
 from casadi import SX, Function, vertsplit
 
 from slipctl import BadInput, Block
-from slipctl.certify.enclosure import enclose
+from slipctl.certify.arithmetic.enclosure import enclose
 from slipctl.models.common_form import T_S, Wheel
 from slipctl.models.ranges import FLAG, of_those
 from slipctl.models.vehicle.failure import BEHIND, MEASURED

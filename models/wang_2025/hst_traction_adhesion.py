@@ -33,9 +33,9 @@ from slipctl import (
     replicate,
     step,
 )
-from slipctl.certify import adhesion_observer as bounds
 from slipctl.errors import refuse_unknown_choice
 from slipctl.models.ranges import FRICTION
+from slipctl.models.wang_2025.certificate import adhesion_observer as bounds
 from slipctl.models.wang_2025.hst_traction import tractive_effort
 from slipctl.models.wang_2025.hst_traction_peaks import peaks, with_own_peaks
 from slipctl.models.wheel_rail.contact import polach

@@ -43,8 +43,8 @@ from slipctl import (
 from slipctl.analysis.quadratic import qp_kernel
 from slipctl.block.block import doc_of_maker
 from slipctl.block.smooth import root
-from slipctl.certify import higher_order as bounds
 from slipctl.errors import refuse_unknown_choice
+from slipctl.models.wang_2025.certificate import higher_order as bounds
 from slipctl.models.wang_2025.hst_traction import resistance
 from slipctl.models.wang_2025.hst_traction_adhesion import (
     GUESS,

@@ -31,11 +31,11 @@ from slipctl import (
     rls,
     step,
 )
-from slipctl.certify import prescribed_performance as bounds
 from slipctl.errors import refuse_unknown_choice
 from slipctl.estimate.model import unknown_parameters
 from slipctl.models.ranges import fit_ranged, peak_ranged, probe_ranged
 from slipctl.models.shared_names import SHARED
+from slipctl.models.zhang_2021.certificate import prescribed_performance as bounds
 from slipctl.models.zhang_2021.hst_braking import (
     GUESS,
     I_W,

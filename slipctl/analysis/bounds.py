@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.certify.enclosure import enclose, jumps, largest, scalar_function
-from slipctl.certify.jumps import largest_jump
+from slipctl.certify.arithmetic.enclosure import enclose, jumps, largest, scalar_function
+from slipctl.certify.arithmetic.jumps import largest_jump
 from slipctl.errors import BadInput, nearest
 
 METHODS = ("interval", "grid")

@@ -11,7 +11,7 @@ from slipctl.analysis.linearise import matrices
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Input, Output, Param, State
 from slipctl.block.units.unit_algebra import unit
-from slipctl.certify.observers import check_poles, pole_text
+from slipctl.certify.bounds.observers import check_poles, pole_text
 from slipctl.errors import BadInput, nearest
 
 

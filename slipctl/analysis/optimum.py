@@ -71,7 +71,7 @@ def argmax(
     grid is bracketed by its neighbours. Newton's method on the exact derivative, replaced by
     bisection where it would leave the bracket, closes in on it to rounding. A peak narrower than
     two steps of the grid can be overlooked, unless it is ``proven``: then interval arithmetic
-    discards all of the range where no peak can be (:mod:`slipctl.certify.enclosure`).
+    discards all of the range where no peak can be (:mod:`slipctl.certify.arithmetic.enclosure`).
 
     Args:
         law: a law.
@@ -166,7 +166,7 @@ def _proven(
     sign. What is left is halved until the curvature is negative over all of it: then it holds one
     stationary point, which is the peak.
     """
-    from slipctl.certify.enclosure import enclose
+    from slipctl.certify.arithmetic.enclosure import enclose
 
     z = ca.SX.sym("z")
     f = ca.Function("f", [z], [ca.vertcat(value(z, p), *slope(z, p))])

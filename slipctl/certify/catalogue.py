@@ -1,24 +1,25 @@
 """All systems that can be certified, by the name that the command line knows them by.
 
-Every module of this package whose name ends in ``_kind`` is loaded, and enters its systems.
+Every module of this room and of a registered package whose name ends in ``_kind`` is loaded, and
+enters its systems. So a law's certificate stands beside the law, and the engine need not know it.
 """
 
 from __future__ import annotations
 
 from importlib import import_module
-from pkgutil import iter_modules
+from pathlib import Path
 from typing import Any
 
-from slipctl import certify as package
+from slipctl import registry
 from slipctl.certify import systems
-from slipctl.certify.axle_loop import axle_system
+from slipctl.certify.cells.slide_loop import slide_system
 from slipctl.certify.registry import SYSTEMS
-from slipctl.certify.slide_loop import slide_system
+from slipctl.certify.smooth.axle_loop import axle_system
 from slipctl.certify.systems import Report, System
 from slipctl.errors import BadInput, nearest
 
-for _found in sorted(m.name for m in iter_modules(package.__path__) if m.name.endswith("_kind")):
-    import_module(f"{package.__name__}.{_found}")
+for _kind in registry.modules_ending("_kind", (Path(__file__).parent, "slipctl.certify")):
+    import_module(_kind)
 
 
 def system(name: str) -> System:

@@ -14,24 +14,11 @@ from typing import Any
 
 from slipctl import registry
 from slipctl.certify import catalogue, proofs
-from slipctl.certify.entries import DoesNotHold, brief, rational, refuse_unknown
+from slipctl.certify.entries import DoesNotHold, brief
 from slipctl.certify.proofs import FORMAT, KIND
-from slipctl.certify.quadratic import Matrix, find_quadratic, minors
 from slipctl.errors import BadInput
 
-__all__ = [
-    "FORMAT",
-    "KIND",
-    "Certificate",
-    "DoesNotHold",
-    "Matrix",
-    "certify_super_twisting",
-    "check",
-    "find_quadratic",
-    "minors",
-    "rational",
-    "refuse_unknown",
-]  # fmt: skip
+__all__ = ["FORMAT", "KIND", "Certificate", "DoesNotHold", "certificate_of", "check"]
 
 
 @dataclass(frozen=True)
@@ -52,31 +39,22 @@ class Certificate:
         """CERTIFIED, REFUTED or UNDECIDED."""
         return str(self.entries["verdict"])
 
-    @property
-    def quadratic(self) -> Mapping[str, Any] | None:
-        """Multipliers P11, P12, P22 of a quadratic Lyapunov function, None if there are none."""
-        found = self.entries.get("proofs", {}).get("quadratic")
-        return None if found is None else found["multipliers"]
-
     def payload(self) -> dict[str, Any]:
         """Entries of the file."""
         return dict(self.entries)
 
 
-def certify_super_twisting(
-    k1: float | Fraction, k2: float | Fraction, L: float | Fraction, delta: float | Fraction = 0
-) -> Certificate:
-    """Prove a verdict, and find a quadratic Lyapunov function where one exists.
+def certificate_of(name: str, **numbers: float | Fraction) -> Certificate:
+    """Certificate of a system: ``certificate_of("lagged_loop", K=1, T=1)``.
 
     Args:
-        k1, k2: gains. L: bound of the disturbance's slope. delta: bound of |r1| over |x1|^(1/2).
-            Fractions are taken as they are, floats by their exact binary value.
+        name: of the system.
+        numbers: fractions are taken as they are, floats by their exact binary value.
 
     Raises:
-        BadInput: numbers that mean nothing.
+        BadInput: an unknown system, or numbers that mean nothing.
     """
-    given = dict(k1=k1, k2=k2, L=L, delta=delta)
-    return Certificate(proofs.write(catalogue.system("super_twisting"), given))
+    return Certificate(proofs.write(catalogue.system(name), numbers))
 
 
 def check(payload: Mapping[str, Any]) -> str:

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from slipctl.certify.decimal_intervals import Interval
+from slipctl.certify.arithmetic.decimal_intervals import Interval
 from slipctl.errors import BadInput, nearest
 
 CERTIFIED, REFUTED, UNDECIDED = "CERTIFIED", "REFUTED", "UNDECIDED"
@@ -409,3 +409,16 @@ def exact_numbers(
     if whole:
         system.guard(out)
     return out
+
+
+def check_whole(system: str, n: Numbers, *names: str) -> None:
+    """Refuse numbers that count something and are not whole.
+
+    Raises:
+        BadInput: with the first of them.
+    """
+    for name in names:
+        if name in n and (n[name] != int(n[name]) or n[name] > 10**15):
+            raise BadInput(
+                f"{system}: {name} = {float(n[name]):g} must be a whole number, at most 1e15"
+            )

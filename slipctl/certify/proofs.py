@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import Any
 
 from slipctl.certify import registry
-from slipctl.certify.decimal_intervals import Interval
+from slipctl.certify.arithmetic.decimal_intervals import Interval
 from slipctl.certify.entries import DoesNotHold, brief, rational, read_mapping, refuse_unknown
 from slipctl.certify.promise import (
     CERTIFIED,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+from slipctl import registry
 from slipctl.certify.promise import System
 
 SYSTEMS: dict[str, System] = {}
@@ -20,13 +21,14 @@ def register(system: System) -> System:
     """
     if SYSTEMS.setdefault(system.name, system) is not system:
         raise ValueError(f"two systems are called {system.name}")
-    if sys._getframe(1).f_globals["__name__"].startswith("slipctl.certify."):
+    homes = ("slipctl.certify", *(e.value for e in registry.entries(registry.PACKAGES).values()))
+    if sys._getframe(1).f_globals["__name__"].startswith(tuple(f"{h}." for h in homes)):
         _OF_THE_HOUSE.append(system)
     return system
 
 
 def of_the_house(system: System) -> bool:
-    """Whether what its criteria prove is proved in this package, beside its adversary.
+    """Whether what its criteria prove is proved here or beside a model, with an adversary.
 
     Of any other system the words of its declaration count for nothing; see ``tick_sets``.
     """

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.certify import binomial
+from slipctl.certify.arithmetic import binomial
 from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
 from slipctl.design.gain_search import FIRST_PROOF, Search
 from slipctl.design.goals import single

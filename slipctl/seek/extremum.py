@@ -13,7 +13,7 @@ import casadi as ca
 from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
 from slipctl.block.signals import Input, Output, Param, Signal, State
 from slipctl.block.units.unit_algebra import unit
-from slipctl.certify import extremum as bounds
+from slipctl.certify.bounds import extremum as bounds
 from slipctl.errors import BadInput, check_finite, check_positive
 
 log = logging.getLogger(__name__)
@@ -37,7 +37,7 @@ def sliding_seek(
     v' = k sgn sin(pi (y - g)/beta), g' = rho. Where the map is steeper than rho/k the value climbs
     at rho (the sliding regime). Where it is not, v climbs at k^2/rho times the slope on average
     (the averaged regime). In the end v ripples by k beta/rho, peak to peak. :func:`seek_limits`
-    tells these numbers, :mod:`slipctl.certify.extremum` proves them.
+    tells these numbers, :mod:`slipctl.certify.bounds.extremum` proves them.
 
     Args:
         period: sample period in s.

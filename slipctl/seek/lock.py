@@ -10,7 +10,7 @@ import casadi as ca
 
 from slipctl.block.block import Block, Exprs, doc_of_maker, make_block
 from slipctl.block.signals import Input, Output, Param, Signal, State
-from slipctl.certify import extremum as bounds
+from slipctl.certify.bounds import extremum as bounds
 from slipctl.seek.extremum import (
     demodulate,
     next_amplitude,

@@ -40,10 +40,11 @@ def _sources(package: str) -> Iterator[tuple[str, Path, int]]:
 
 
 def model_files() -> dict[str, Path]:
-    """File of each model by its name, whatever folder of ``models`` it is in."""
+    """File of each model by its name, whatever folder of ``models`` it is in; no certificates."""
     here = registry.folder("models")
     papers = [path for path in here.glob("*/*.py") if path.parent.name != "vehicle"]
-    return {path.stem: path for path in (*here.glob("*.py"), *papers)}
+    files = (*here.glob("*.py"), *papers)
+    return {path.stem: path for path in files if not path.stem.endswith("_kind")}
 
 
 @lru_cache(maxsize=256)  # of a file as it is: many studies and models are looked up in a run

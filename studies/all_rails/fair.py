@@ -15,11 +15,14 @@ from typing import Any
 import numpy as np
 
 from slipctl import BadInput, Block, Context, Ensemble, RunFailed, Scenario, Signals, Table
-from slipctl.certify import barrier, catalogue, higher_order, super_twisting
-from slipctl.certify import prescribed_performance as ppc
+from slipctl.certify import catalogue
 from slipctl.certify.systems import report
 from slipctl.design.gain_search import HELD_OUT
 from slipctl.design.tune import tune
+from slipctl.models.cheng_2022.certificate import barrier
+from slipctl.models.super_twisting.certificate import super_twisting
+from slipctl.models.wang_2025.certificate import higher_order
+from slipctl.models.zhang_2021.certificate import prescribed_performance as ppc
 from slipctl.run.sweep.ensemble import Draw, World
 from slipctl.studies.all_rails.loops import NAMES, VEHICLES, H, Vehicle, loops, scenario
 from slipctl.study.report.texts import number

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from slipctl import Block, Context, Experiment, Scenario, Table, simulate
-from slipctl.certify import barrier as bounds
 from slipctl.models.cheng_2022 import freight_traction as freight
+from slipctl.models.cheng_2022.certificate import barrier as bounds
 from slipctl.studies.freight_traction.loops import (
     K_S,
     LAG,

@@ -23,7 +23,7 @@ from slipctl import (
     simulate,
     sliding_seek,
 )
-from slipctl.certify import extremum as bounds
+from slipctl.certify.bounds import extremum as bounds
 from slipctl.models.cheng_2022 import freight_traction as freight
 from slipctl.run import periods
 from slipctl.seek.lock import LOCK, WAIT

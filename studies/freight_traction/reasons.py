@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from slipctl import Results
-from slipctl.certify import barrier as barrier_bounds
-from slipctl.certify import extremum
+from slipctl.certify.bounds import extremum
 from slipctl.models.cheng_2022 import freight_traction as freight
+from slipctl.models.cheng_2022.certificate import barrier as barrier_bounds
 from slipctl.studies.freight_traction.measures import (
     NEAR,
     TORQUE,

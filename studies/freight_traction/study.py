@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from slipctl import Figure, Results, Signals, Study
-from slipctl.certify import barrier as bounds
 from slipctl.draw import plots
+from slipctl.models.cheng_2022.certificate import barrier as bounds
 from slipctl.studies.freight_traction import experiments, identification
 from slipctl.studies.freight_traction.barrier import LAGS, K
 from slipctl.studies.freight_traction.claims import CLAIMS

@@ -10,10 +10,11 @@ import numpy as np
 
 from slipctl import Block, Context, Experiment, Table, simulate
 from slipctl.analysis.bounds import fastest, largest_slope
-from slipctl.certify import catalogue, super_twisting, systems
+from slipctl.certify import catalogue, systems
 from slipctl.commands.certificates.certify import needs
 from slipctl.models.cheng_2022.freight_traction import SURFACES, adhesion
 from slipctl.models.huang_2020.subway_braking import double_exponential
+from slipctl.models.super_twisting.certificate import super_twisting
 from slipctl.models.wang_2025.hst_traction_control import higher_order
 from slipctl.models.zhang_2021.hst_braking import RAILS, burckhardt, peak_slip
 from slipctl.studies.freight_traction import gains as freight_traction_gains

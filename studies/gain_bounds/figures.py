@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 
 from slipctl import Results
-from slipctl.certify import barrier, catalogue, higher_order
-from slipctl.certify import prescribed_performance as ppc
-from slipctl.certify import super_twisting as sta
-from slipctl.certify import twisting_report as twisting
+from slipctl.certify import catalogue
 from slipctl.draw import plots
+from slipctl.models.cheng_2022.certificate import barrier
 from slipctl.models.cheng_2022.freight_traction import SURFACES, steepest_slope
+from slipctl.models.super_twisting.certificate import super_twisting as sta
+from slipctl.models.super_twisting.certificate import twisting_report as twisting
+from slipctl.models.wang_2025.certificate import higher_order
+from slipctl.models.zhang_2021.certificate import prescribed_performance as ppc
 from slipctl.models.zhang_2021.hst_braking import RAILS, peak_height, peak_slip
 from slipctl.studies.gain_bounds import runs as gain_bounds_runs
 from slipctl.studies.hst_braking.gains import G, change_of_rail

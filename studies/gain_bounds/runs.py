@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from slipctl.certify import barrier as bounds
-from slipctl.certify import higher_order, lyapunov
-from slipctl.certify import prescribed_performance as ppc
-from slipctl.certify import super_twisting as sta
+from slipctl.models.cheng_2022.certificate import barrier as bounds
+from slipctl.models.cheng_2022.certificate import sliding_seeker
+from slipctl.models.huang_2020.certificate import reaching_law
+from slipctl.models.super_twisting.certificate import super_twisting as sta
+from slipctl.models.wang_2025.certificate import adhesion_observer, higher_order
+from slipctl.models.zhang_2021.certificate import prescribed_performance as ppc
 
 Rates = Callable[[np.ndarray, float], np.ndarray]
 
@@ -82,7 +84,7 @@ def reaching(n: int) -> Run:
     d = shaking(10.0, n, n // 40, 1)
     t, x = integrate(lambda s, d: -36 * s - 12 * np.sign(s) + d, [1.2], d, 0.4 / n)
     s = x[:, 0]
-    V, rate = lyapunov.reaching_law(s, d, 36.0, 12.0)
+    V, rate = reaching_law.lyapunov(s, d, 36.0, 12.0)
     return Run("reaching law", "law (23), no proof printed", t, V, rate, np.abs(s) > 1e-4,
                "V' < 0 for s != 0, |d| < g2", d)  # fmt: skip
 
@@ -96,7 +98,7 @@ def twisting(n: int) -> Run:
         return np.array([-20 * np.sqrt(abs(x[0])) * s + x[1], -10 * s + d])
 
     t, x = integrate(rates, [1.2, 0.0], d, 0.3 / n)
-    V, rate = lyapunov.super_twisting(x[:, 0], x[:, 1], d, 20.0, 10.0)
+    V, rate = sta.lyapunov(x[:, 0], x[:, 1], d, 20.0, 10.0)
     return Run("super-twisting", "Huang 2020 (44)-(48)", t, V, rate, np.abs(x[:, 0]) > 1e-4,
                "V' < 0 for x1 != 0 where (48) holds", d)  # fmt: skip
 
@@ -113,7 +115,7 @@ def funnel(n: int) -> Run:
     z = x[:, 0]
     load = W / (K1 * width)
     inside = (np.abs(z) > ppc.settled_share(load)) & (np.abs(z) < ppc.recoverable(load))
-    V, rate = lyapunov.funnel(z, w, K1, width)
+    V, rate = ppc.lyapunov(z, w, K1, width)
     return Run("prescribed performance", "Zhang 2021 (35)-(38)", t, V, rate, inside,
                "V' < 0 between settled and recoverable error", w)  # fmt: skip
 
@@ -131,7 +133,7 @@ def observer(n: int) -> Run:
         return np.array([x[1] - K1 * phi1, -K2 * phi2 + d])
 
     t, x = integrate(rates, [4.0, 100.0], d, 0.15 / n)
-    V, rate = lyapunov.observer(x[:, 0], x[:, 1], d, K1, K2, K3, P)
+    V, rate = adhesion_observer.lyapunov(x[:, 0], x[:, 1], d, K1, K2, K3, P)
     return Run("adhesion observer", "Wang 2025, Theorem 1", t, V, rate, np.abs(x[:, 0]) > 1e-4,
                "V' < 0 for e != 0", d)  # fmt: skip
 
@@ -152,7 +154,7 @@ def adaptive(n: int) -> Run:
     t, x = integrate(rates, [2.0, 0.0, 0.3], d, 8.0 / n)
     s, v, k = x.T
     k_rate = np.array([rates(a, b)[2] for a, b in zip(x, d, strict=True)])
-    V, rate = lyapunov.higher_order(s, v, d, k, k_rate, wanted, alpha, beta)
+    V, rate = higher_order.lyapunov(s, v, d, k, k_rate, wanted, alpha, beta)
     return Run("adaptive higher order", "Wang 2025, Theorem 2", t, V, rate, np.abs(s) > sigma,
                "V' < 0 for |s| > sigma where (49) holds", d)  # fmt: skip
 
@@ -163,7 +165,7 @@ def barrier(n: int) -> Run:
     w = np.abs(shaking(W, n, n // 10, 6))
     t, x = integrate(lambda e, w: -2 * k * e * (k_s**2 - e**2) + w, [0.0125], w, 6.0 / n)
     e = x[:, 0]
-    V, rate = lyapunov.barrier(e, w, k, k_a, k_s)
+    V, rate = bounds.lyapunov(e, w, k, k_a, k_s)
     inside = (e > bounds.settled_error(W, k, k_s)) & (e < bounds.recoverable(W, k, k_s))
     return Run("barrier Lyapunov", "Cheng 2022 (43)-(48)", t, V, rate, inside,
                "V' = -2 k e^2 < 0 without w; with it beyond the settled error", w)  # fmt: skip
@@ -178,7 +180,7 @@ def seeker(n: int) -> Run:
 
     t, x = integrate(rates, [0.6 * beta], np.zeros(n), 0.06 / n)
     delta = x[:, 0]
-    V, rate = lyapunov.seeker(delta, slope, k, rho, beta)
+    V, rate = sliding_seeker.lyapunov(delta, slope, k, rho, beta)
     # towards beta from below
     away = (np.abs(np.sin(np.pi * delta / beta)) > 0.05) & (delta / beta % 2 > 0.5)
     away &= delta / beta % 2 < 1.5
@@ -201,7 +203,7 @@ def in_the_loop(log: Any, k1: float = 20.0, k2: float = 10.0) -> Run:
     T = float(t[1] - t[0])
     x2 = np.diff(s) / T + k1 * np.sqrt(np.abs(s[:-1])) * np.sign(s[:-1])
     s, d = s[:-1], np.zeros(len(x2))
-    V, _ = lyapunov.super_twisting(np.where(s == 0, 1e-12, s), x2, d, k1, k2)
+    V, _ = sta.lyapunov(np.where(s == 0, 1e-12, s), x2, d, k1, k2)
     rate = np.append(np.diff(V) / T, 0.0)
     outside = np.abs(s) > (k1 * T) ** 2  # a tick that takes k1 |s|^.5 T does not cross zero there
     return Run(

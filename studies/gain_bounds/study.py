@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from slipctl import Case, Claim, Figure, Rail, Results, Scenario, Section, Signals, Study
-from slipctl.certify import higher_order, super_twisting
+from slipctl.models.super_twisting.certificate import super_twisting
+from slipctl.models.wang_2025.certificate import higher_order
 from slipctl.studies.gain_bounds.experiments import EXPERIMENTS
 from slipctl.studies.gain_bounds.figures import DRAWN
 from slipctl.studies.subway_braking.loops import MODELS, best, perfect

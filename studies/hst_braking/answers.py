@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from slipctl import Results
-from slipctl.certify import prescribed_performance as ppc
+from slipctl.models.zhang_2021.certificate import prescribed_performance as ppc
 from slipctl.models.zhang_2021.hst_braking import I_W, R
 from slipctl.run.periods import mean as period_mean
 from slipctl.studies.hst_braking.loops import NAMES, H

@@ -10,10 +10,10 @@ import casadi as ca
 import numpy as np
 
 from slipctl import Block, Context, Experiment, Scenario, Table, prepare, simulate
-from slipctl.certify import filters
-from slipctl.certify import prescribed_performance as ppc
+from slipctl.certify.bounds import filters
 from slipctl.estimate.kalman.filters import ctukf
 from slipctl.models.zhang_2021 import hst_braking_control as control
+from slipctl.models.zhang_2021.certificate import prescribed_performance as ppc
 from slipctl.models.zhang_2021.ep_valve import THETA, air_brake
 from slipctl.models.zhang_2021.hst_braking import I_W, G, R, peak_height, plant
 from slipctl.studies.best_possible import against_optimum

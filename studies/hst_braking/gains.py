@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from slipctl import Block, Gains
 from slipctl.analysis.bounds import Bound, largest_slope
-from slipctl.certify import filters
+from slipctl.certify.bounds import filters
 from slipctl.models.zhang_2021.hst_braking import RAILS, burckhardt, peak_height, peak_slip
 
 SPEED = 36.0

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from slipctl import Context, Scenario, Table, sampled, simulate
-from slipctl.certify import prescribed_performance as ppc
 from slipctl.models.zhang_2021 import hst_braking_control as control
+from slipctl.models.zhang_2021.certificate import prescribed_performance as ppc
 from slipctl.models.zhang_2021.ep_valve import air_brake
 from slipctl.models.zhang_2021.hst_braking import (
     I_W,
@@ -68,7 +68,7 @@ def funnel(context: Context) -> dict[str, Table]:
             "What the funnel with the paper's numbers holds",
             {"bound": ("", what), "value": ("", values), "unit": ("", unit)},
             "K1 = 100 1/s, eta 0.1 to 0.005 with k = 30 1/s, width 1.2; each is a function of"
-            " slipctl.certify.prescribed_performance.",
+            " slipctl.models.zhang_2021.certificate.prescribed_performance.",
         ),
         "term": neglected(context),
     }

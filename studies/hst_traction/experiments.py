@@ -10,11 +10,11 @@ import casadi as ca
 import numpy as np
 
 from slipctl import Block, Context, Experiment, Rail, Scenario, Section, Table, simulate
-from slipctl.certify import adhesion_observer as observer_bounds
-from slipctl.certify import higher_order as proofs
 from slipctl.models.motors import vector_drive
 from slipctl.models.wang_2025 import hst_traction_adhesion as adhesion
 from slipctl.models.wang_2025 import hst_traction_control as control
+from slipctl.models.wang_2025.certificate import adhesion_observer as observer_bounds
+from slipctl.models.wang_2025.certificate import higher_order as proofs
 from slipctl.models.wang_2025.hst_traction import DISTINCT
 from slipctl.models.wheel_rail.contact import peak
 from slipctl.studies.hst_traction.loops import (

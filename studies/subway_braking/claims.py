@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from slipctl import Claim, Results
-from slipctl.certify import reaching_law, super_twisting
+from slipctl.models.huang_2020.certificate import reaching_law
+from slipctl.models.super_twisting.certificate import super_twisting
 from slipctl.run.metrics import settling_time
 from slipctl.run.periods import mean as period_mean
 from slipctl.studies.subway_braking import estimation, experiments

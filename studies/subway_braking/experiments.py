@@ -22,8 +22,8 @@ from slipctl import (
     rls,
     simulate,
 )
-from slipctl.certify import reaching_law, super_twisting
 from slipctl.models.brakes import brake
+from slipctl.models.huang_2020.certificate import reaching_law
 from slipctl.models.huang_2020.subway_braking import (
     curve_resistance,
     double_exponential,
@@ -31,6 +31,7 @@ from slipctl.models.huang_2020.subway_braking import (
     wheelset,
 )
 from slipctl.models.huang_2020.subway_braking_control import super_twisting as super_twisting_law
+from slipctl.models.super_twisting.certificate import super_twisting
 from slipctl.run import build
 from slipctl.run.metrics import settling_time
 from slipctl.studies.best_possible import against_optimum

@@ -11,7 +11,7 @@ from enclosures import LAWS, case, compared, default
 import slipctl as sc
 from slipctl import BadInput
 from slipctl.analysis.bounds import _of_column, enclosure
-from slipctl.certify.enclosure import largest
+from slipctl.certify.arithmetic.enclosure import largest
 from slipctl.study.resolve import load_block, model_files
 
 

@@ -34,7 +34,7 @@ from slipctl import (
 )
 from slipctl.analysis.linearise import operating_point
 from slipctl.block.transforms import discretisation
-from slipctl.certify.steps import METHODS, growth, largest_step
+from slipctl.certify.bounds.steps import METHODS, growth, largest_step
 from slipctl.models.huang_2020 import subway_braking as subway
 
 TICK = step(period=0.1, name="tick")(lambda: ({}, {}))

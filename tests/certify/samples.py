@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from slipctl.certify.tick_sets import sgn
+from slipctl.certify.ticks.tick_sets import sgn
 
 OPERATIONS = (
     lambda x, y: x * y + ca.exp(-x) * ca.sin(3 * y),

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from slipctl import BadInput
-from slipctl.certify import binomial
+from slipctl.certify.arithmetic import binomial
 
 MILLIONTH = Fraction(1, 10**6)
 

@@ -10,7 +10,7 @@ import pytest
 
 from slipctl import BadInput, Input, Output, Param, law
 from slipctl.analysis.bounds import largest_slope
-from slipctl.certify import linear_kind
+from slipctl.certify.bounds import linear_kind
 from slipctl.certify.catalogue import SYSTEMS, certify
 
 

@@ -5,9 +5,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from slipctl.certify import catalogue, proofs, relay_proof, relay_sets
+from slipctl.certify import catalogue, proofs
 from slipctl.certify.entries import DoesNotHold
 from slipctl.errors import BadInput
+from slipctl.models.huang_2020.certificate import relay_proof, relay_sets
 
 F = Fraction
 SYSTEM = catalogue.system("reaching_law")

@@ -10,20 +10,15 @@ import numpy as np
 import pytest
 
 from slipctl import BadInput
-from slipctl.certify import (
-    certificate,
-    chi_squared,
-    dither,
-    dither_flight,
-    filters,
-    proofs,
-    rls_covariance,
-    sliding_seeker,
-)
-from slipctl.certify.ball import Ball
+from slipctl.certify import certificate, proofs
+from slipctl.certify.bounds import filters
 from slipctl.certify.catalogue import certify, system
-from slipctl.certify.dither_search import find
 from slipctl.certify.systems import CERTIFIED, REFUTED, UNDECIDED
+from slipctl.models.cheng_2022.certificate import dither, dither_flight, sliding_seeker
+from slipctl.models.cheng_2022.certificate.ball import Ball
+from slipctl.models.cheng_2022.certificate.dither_search import find
+from slipctl.models.huang_2020.certificate import rls_covariance
+from slipctl.models.zhang_2021.certificate import chi_squared
 
 F = Fraction
 SLIDING = dict(k=1, rho=F("0.1"), beta=F("0.02"), slope=F("0.66"))

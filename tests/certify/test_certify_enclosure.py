@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from samples import FUNCTIONS, PEAKS, STAIRS
 
 from slipctl import BadInput
-from slipctl.certify import enclosure
-from slipctl.certify.enclosure import enclose, largest, scalar_function
-from slipctl.certify.jumps import largest_jump
+from slipctl.certify.arithmetic import enclosure
+from slipctl.certify.arithmetic.enclosure import enclose, largest, scalar_function
+from slipctl.certify.arithmetic.jumps import largest_jump
 
 
 @pytest.mark.parametrize("f", FUNCTIONS)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slipctl.certify import filters as cf
+from slipctl.certify.bounds import filters as cf
 
 H, R, DT, GAMMA = 0.43 / 60.35, 1.0, 1e-3, 0.23  # Zhang 2021, Tables 2 and 3
 

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.linalg import eigvalsh
 from scipy.optimize import minimize
 
-from slipctl.certify import adhesion_observer as observer
-from slipctl.certify import higher_order as hosm
-from slipctl.certify import super_twisting as sta
 from slipctl.certify.catalogue import system
+from slipctl.models.super_twisting.certificate import super_twisting as sta
+from slipctl.models.wang_2025.certificate import adhesion_observer as observer
+from slipctl.models.wang_2025.certificate import higher_order as hosm
 from slipctl.models.wang_2025.hst_traction_control import higher_order
 
 K1 = st.floats(0.05, 20)

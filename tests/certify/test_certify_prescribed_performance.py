@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slipctl import BadInput
-from slipctl.certify import prescribed_performance as pp
+from slipctl.models.zhang_2021.certificate import prescribed_performance as pp
 
 K1, ETA, D = 100.0, 0.005, 1.2  # Zhang 2021, Table 3: gain, eta_inf, both widths
 ETA_0, DECAY = 0.1, 30.0

@@ -12,11 +12,15 @@ import pytest
 from slipctl import BadInput, law
 from slipctl.analysis.bounds import METHODS, fastest, largest_slope
 from slipctl.block.signals import Input, Output, Param
-from slipctl.certify import catalogue, higher_order, lyapunov, systems
-from slipctl.certify import super_twisting as sta
+from slipctl.certify import catalogue, systems
 from slipctl.commands.cli import main
+from slipctl.models.cheng_2022.certificate import barrier
 from slipctl.models.cheng_2022.freight_traction import SURFACES, adhesion
+from slipctl.models.huang_2020.certificate import reaching_law
 from slipctl.models.huang_2020.subway_braking import double_exponential
+from slipctl.models.super_twisting.certificate import super_twisting as sta
+from slipctl.models.wang_2025.certificate import higher_order
+from slipctl.models.zhang_2021.certificate import prescribed_performance as ppc
 from slipctl.models.zhang_2021.hst_braking import burckhardt
 from slipctl.studies.freight_traction import gains as freight_traction_gains
 from slipctl.studies.gain_bounds import experiments as gain_bounds_experiments
@@ -95,13 +99,13 @@ def test_lyapunov_function_falls_where_its_proof_says(make):
 
 def test_beyond_the_bound_it_rises():
     s, d = np.full(5, 0.01), np.full(5, 13.0)
-    assert (lyapunov.reaching_law(s, d, 36.0, 12.0)[1] > 0).all()
+    assert (reaching_law.lyapunov(s, d, 36.0, 12.0)[1] > 0).all()
     z = np.linspace(0.01, 0.99, 99)
-    assert (lyapunov.funnel(z, 0.27, 100.0, 0.006)[1] > 0).all()  # 0.2686 would be held
-    assert not (lyapunov.funnel(z, 0.265, 100.0, 0.006)[1] > 0).all()
+    assert (ppc.lyapunov(z, 0.27, 100.0, 0.006)[1] > 0).all()  # 0.2686 would be held
+    assert not (ppc.lyapunov(z, 0.265, 100.0, 0.006)[1] > 0).all()
     e = np.linspace(0.001, 0.0199, 50)
-    assert (lyapunov.barrier(e, 0.0075, 1200.0, 1.23, 0.02)[1] > 0).all()
-    assert not (lyapunov.barrier(e, 0.0073, 1200.0, 1.23, 0.02)[1] > 0).all()
+    assert (barrier.lyapunov(e, 0.0075, 1200.0, 1.23, 0.02)[1] > 0).all()
+    assert not (barrier.lyapunov(e, 0.0073, 1200.0, 1.23, 0.02)[1] > 0).all()
 
 
 def test_super_twisting_lyapunov_with_the_matrix_of_the_certificate():
@@ -112,8 +116,8 @@ def test_super_twisting_lyapunov_with_the_matrix_of_the_certificate():
     P = sta.quadratic_matrix(k1, k2, L, math.sqrt(k2 * k2 - L * L))
     x1, x2 = rng.normal(size=4000), rng.normal(size=4000)
     for d in (-L, L):
-        assert (lyapunov.super_twisting(x1, x2, d, k1, k2, P)[1] < 0).all()
-        assert not (lyapunov.super_twisting(x1, x2, d, k1, k2)[1] < 0).all()
+        assert (sta.lyapunov(x1, x2, d, k1, k2, P)[1] < 0).all()
+        assert not (sta.lyapunov(x1, x2, d, k1, k2)[1] < 0).all()
 
 
 def test_adaptation_takes_the_gain_out_of_the_derivative():
@@ -122,7 +126,7 @@ def test_adaptation_takes_the_gain_out_of_the_derivative():
     s, v, d = rng.normal(size=200), rng.normal(size=200), rng.normal(size=200)
     root = np.sqrt(np.abs(s))
     grow = (root + root**2) * (0.5 + 1.5 * root + root**2) * 2 * alpha / (1 + 4 * beta**2)
-    rates = [lyapunov.higher_order(s, v, d, k, grow, 0.4, alpha, beta)[1] for k in (0.4, 2.0)]
+    rates = [higher_order.lyapunov(s, v, d, k, grow, 0.4, alpha, beta)[1] for k in (0.4, 2.0)]
     assert rates[0] == pytest.approx(rates[1], rel=1e-9)
 
 

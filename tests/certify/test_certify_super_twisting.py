@@ -12,11 +12,14 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from slipctl import BadInput
-from slipctl.certify import catalogue, certificate, decimal_intervals, systems
-from slipctl.certify import super_twisting as sta
-from slipctl.certify import twisting_report as report
+from slipctl.certify import catalogue, certificate, proofs, systems
+from slipctl.certify.arithmetic import decimal_intervals
+from slipctl.models.super_twisting.certificate import super_twisting as sta
+from slipctl.models.super_twisting.certificate import twisting_report as report
+from slipctl.models.super_twisting.certificate.quadratic import minors
 
 F = Fraction
+GAINS = {"k1": F(2), "k2": F(11, 10), "L": F(1)}
 SPEC = {  # k2/L: smallest k1/sqrt(L) of exact, quadratic, homogenised (48), Seeber-Horn, Levant
     1.01: (1.113418, 1.863572, 14.142136, 1.417745, 28.354894),
     1.1: (0.991220, 1.602177, 4.472136, 1.449138, 9.165151),
@@ -102,12 +105,16 @@ def test_no_random_disturbance_is_worse():
     assert max(seen) < q
 
 
+def asked(k1, k2, L, delta=0.0):
+    return catalogue.certify("super_twisting", k1=k1, k2=k2, L=L, delta=delta)
+
+
 @pytest.mark.parametrize(("gains", "diverges"), [((0.98, 1.1, 1.0, 0.0), True),
                                                  ((1.0, 1.1, 1.0, 0.0), False),
                                                  ((1.27, 1.1, 1.0, 0.3), True),
                                                  ((1.3, 1.1, 1.0, 0.3), False)])  # fmt: skip
 def test_witness_grows_or_dies_out(gains, diverges):
-    found = report.super_twisting_report(*gains)
+    found = asked(*gains)
     assert (found.verdict == report.REFUTED) == diverges == (found.witness.growth > 1)
     v, t, switches = 1.0, 0.0, []
     for _ in range(6):  # by symmetry each half turn is one with x1 > 0
@@ -334,7 +341,7 @@ def test_enclosure_contains_the_closed_form():
 def test_minors_of_published_matrices():
     P = ((F(4271, 10000), F(-1846, 10000)), (F(-1846, 10000), F(2387, 10000)))
     gains = report.exact_gains(F(2), F(11, 10), F(1))
-    assert certificate.minors(gains, P, F(1671, 5000))[:3] == (
+    assert minors(gains, P, F(1671, 5000))[:3] == (
         F(2847, 25000), F(6600779, 2500000000), F(161027271, 3125000000000))  # fmt: skip
 
 
@@ -344,10 +351,11 @@ def test_a_quadratic_certificate_exists_where_the_criterion_says():
     for _ in range(300):
         k1, k2 = (F(f"{10 ** seeded.uniform(-3, 3):.5g}") for _ in range(2))
         L = k2 * F(seeded.randint(1, 1100), 1000)
-        made = certificate.certify_super_twisting(k1, k2, L)
-        assert (made.quadratic is not None) == sta.quadratic(k1, k2, L)
+        made = certificate.certificate_of("super_twisting", k1=k1, k2=k2, L=L)
+        quadratic = "quadratic" in made.entries.get("proofs", {})
+        assert quadratic == sta.quadratic(k1, k2, L)
         assert made.verdict in certificate.check({"format": 1, **made.payload()})
-        found += made.quadratic is not None
+        found += quadratic
     assert 50 < found < 280
 
 
@@ -376,7 +384,7 @@ def payload_at(payload, path):
 
 
 def test_every_altered_number_fails():
-    payload = certificate.certify_super_twisting(F(2), F(11, 10), F(1), F(1, 100)).payload()
+    payload = proofs.write(catalogue.system("super_twisting"), GAINS | {"delta": F(1, 100)})
     certificate.check(payload)
     tried = 0
     for path in leaves(payload):
@@ -411,7 +419,7 @@ def nodes(value, path=()):
 
 
 def test_a_malformed_certificate_is_refused():
-    payload = certificate.certify_super_twisting(F(2), F(11, 10), F(1)).payload()
+    payload = proofs.write(catalogue.system("super_twisting"), GAINS)
     for path in nodes(payload):
         for junk in (None, 1, -1.5, True, "", "x", "0", [], [[]], {}, {"a": 1}, ["1"] * 3):
             wrong = altered(payload, path, lambda _, j=junk: j)
@@ -426,7 +434,7 @@ def test_gains_near_and_on_the_boundary():
     step = F(1, 10**13)
     assert report.exact_verdict(report.exact_gains(least + step, k2, F(1))) == report.CERTIFIED
     assert report.exact_verdict(report.exact_gains(least - step, k2, F(1))) == report.REFUTED
-    assert report.super_twisting_report(1.0, 1.0, 1.0).verdict == report.REFUTED
+    assert asked(1.0, 1.0, 1.0).verdict == report.REFUTED
     with pytest.raises(BadInput, match="differ by less than a double tells"):
         report.exact_gains(1, 1 + F(1, 10**20), 1)
 
@@ -438,7 +446,7 @@ def test_gains_near_and_on_the_boundary():
 ])  # fmt: skip
 def test_numbers_that_mean_nothing(gains, said):
     with pytest.raises(BadInput, match=said.replace("^", r"\^")):
-        report.super_twisting_report(*gains)
+        asked(*gains)
 
 
 # ---- generated C, and one LMI --------------------------------------------------------------------

@@ -12,11 +12,8 @@ import numpy as np
 import pytest
 
 from slipctl import BadInput
-from slipctl.certify import adhesion_observer, certificate, funnel_kind, proofs, reaching_law
-from slipctl.certify import estimating_kind as estimating
-from slipctl.certify import linear_kind as linear
-from slipctl.certify import prescribed_performance as ppc
-from slipctl.certify import super_twisting as sta
+from slipctl.certify import certificate, proofs
+from slipctl.certify.bounds import linear_kind as linear
 from slipctl.certify.catalogue import SYSTEMS, certify, system
 from slipctl.certify.systems import (
     CERTIFIED,
@@ -35,6 +32,12 @@ from slipctl.certify.systems import (
     report,
     unit_dependent,
 )
+from slipctl.models.huang_2020.certificate import reaching_law
+from slipctl.models.huang_2020.certificate import rls_kind as estimating
+from slipctl.models.super_twisting.certificate import super_twisting as sta
+from slipctl.models.wang_2025.certificate import adhesion_observer
+from slipctl.models.zhang_2021.certificate import funnel_kind
+from slipctl.models.zhang_2021.certificate import prescribed_performance as ppc
 
 F = Fraction
 FUNNEL = dict(K1=100, T=1e-3, eta_inf=0.005, delta_l=1.2, delta_u=1.2)

@@ -7,7 +7,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from slipctl.certify import adhesion_observer, reaching_law, saturated_motion, twisting_kind
+from slipctl.models.huang_2020.certificate import reaching_law
+from slipctl.models.wang_2025.certificate import adhesion_observer, twisting_kind
 
 
 @pytest.mark.parametrize(("g1", "g2", "T"), [(0.0, 2.0, 0.1), (3.0, 2.0, 0.05), (10.0, 0.5, 0.1)])
@@ -27,19 +28,6 @@ def test_the_torque_swings_as_on_the_orbit(g1, g2, T):
 def test_the_mean_over_a_tick_lags_a_ramp_by_half_a_tick(L, T):
     f = L * np.linspace(0, T, 1001)
     assert adhesion_observer.implicit_error(L, T) == pytest.approx(f[-1] - f.mean(), rel=1e-9)
-
-
-@pytest.mark.parametrize("left", [(3.0, 1.0), (2.0, 0.5)])
-@pytest.mark.parametrize("right", [(2.0, 0.5), (1.0, 1.0)])
-def test_the_largest_start_lies_between_one_that_dies_out_and_one_that_does_not(left, right):
-    """Its edge to 2^-30 of itself; a strong damping lets every start die out."""
-    law = saturated_motion.Saturated(0.5, 0.7, left, right)
-    edge = saturated_motion.largest_start(law)
-    if np.isfinite(edge):
-        assert saturated_motion.dies_out(law, edge * (1 - 1e-9))
-        assert not saturated_motion.dies_out(law, edge * (1 + 1e-6))
-    else:
-        assert all(saturated_motion.dies_out(law, s) for s in (1e-3, 1.0, 1e3, 1e6))
 
 
 @pytest.mark.parametrize("scale", [10**-6, 1, 10**6, 10**10])

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from slipctl import BadInput
-from slipctl.certify.dither_flight import _at_rest
-from slipctl.certify.interval_systems import replay_drift
-from slipctl.certify.saturated_motion import Saturated, half_turn
+from slipctl.certify.planar.interval_systems import replay_drift
+from slipctl.models.cheng_2022.certificate.dither_flight import _at_rest
+from slipctl.models.wang_2025.certificate.saturated_motion import Saturated, half_turn
 
 
 @pytest.mark.parametrize("late", [0, 3])

@@ -12,15 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slipctl.certify import proofs
+from slipctl.certify.arithmetic.interval_arrays import Boxes
+from slipctl.certify.arithmetic.whole_boxes import BITS, WholeBoxes, exponential
+from slipctl.certify.cells.mode_images import ModeTick
+from slipctl.certify.cells.switched_loop import Stay, SwitchedLoop
 from slipctl.certify.entries import DoesNotHold
-from slipctl.certify.interval_arrays import Boxes
-from slipctl.certify.mode_images import ModeTick
 from slipctl.certify.promise import CERTIFIED, INPUT, REFUTED, TARGET, Number, System
-from slipctl.certify.switched_loop import Stay, SwitchedLoop
-from slipctl.certify.tick_coordinates import chosen_coordinates, with_coordinates
-from slipctl.certify.tick_sets import exp, if_else
-from slipctl.certify.tick_source import code_of_tick
-from slipctl.certify.whole_boxes import BITS, WholeBoxes, exponential
+from slipctl.certify.ticks.tick_coordinates import chosen_coordinates, with_coordinates
+from slipctl.certify.ticks.tick_sets import exp, if_else
+from slipctl.certify.ticks.tick_source import code_of_tick
 from slipctl.errors import BadInput
 
 F = Fraction

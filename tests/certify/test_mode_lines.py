@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slipctl.certify.decimal_intervals import Interval
-from slipctl.certify.interval_arrays import Boxes
-from slipctl.certify.mode_images import ModeTick
-from slipctl.certify.mode_lines import LineValues
-from slipctl.certify.mode_means import MeanValues
-from slipctl.certify.tick_code import CodeWriter
-from slipctl.certify.whole_boxes import WholeBoxes
+from slipctl.certify.arithmetic.decimal_intervals import Interval
+from slipctl.certify.arithmetic.interval_arrays import Boxes
+from slipctl.certify.arithmetic.whole_boxes import WholeBoxes
+from slipctl.certify.cells.mode_images import ModeTick
+from slipctl.certify.cells.mode_lines import LineValues
+from slipctl.certify.cells.mode_means import MeanValues
+from slipctl.certify.ticks.tick_code import CodeWriter
 
 UNARY = ("neg", "abs", "sq", "exp", "atan", "sqrt", "ln")
 BINARY = ("add", "sub", "mul", "div", "min", "max")

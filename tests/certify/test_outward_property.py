@@ -9,9 +9,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from slipctl.certify.ball import Ball
-from slipctl.certify.decimal_intervals import Interval
-from slipctl.certify.enclosure import _constpow
+from slipctl.certify.arithmetic.decimal_intervals import Interval
+from slipctl.certify.arithmetic.enclosure import _constpow
+from slipctl.models.cheng_2022.certificate.ball import Ball
 
 OPERATIONS = [operator.add, operator.sub, operator.mul, operator.truediv]
 ENDS = [(a, b) for a, b in product(map(Fraction, ("-7/3", "-1/9", "0", "2/7", "5/3")), repeat=2)

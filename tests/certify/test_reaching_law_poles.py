@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from slipctl.certify.reaching_law import stable_sampled
+from slipctl.models.huang_2020.certificate.reaching_law import stable_sampled
 
 
 @pytest.mark.parametrize("lagged", [False, True])

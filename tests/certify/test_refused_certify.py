@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 
 from slipctl import BadInput
-from slipctl.certify import binomial, boundary, certificate, safe_json, twisting_report
+from slipctl.certify import boundary, certificate, safe_json
+from slipctl.certify.arithmetic import binomial
 from slipctl.certify.catalogue import SYSTEMS
 from slipctl.design.gain_points import replaced_numbers
+from slipctl.models.super_twisting.certificate import twisting_report
 
 OBSERVER = replaced_numbers(SYSTEMS["load_observer"], {})
 

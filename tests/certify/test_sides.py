@@ -24,8 +24,8 @@ import pytest
 from recorded_calls import off, told
 
 from slipctl import BadInput
+from slipctl.certify.arithmetic.decimal_intervals import Interval
 from slipctl.certify.catalogue import SYSTEMS
-from slipctl.certify.decimal_intervals import Interval
 from slipctl.certify.promise import Side, exact_numbers
 from slipctl.certify.systems import _shown
 

@@ -8,8 +8,8 @@ import json
 import pytest
 
 from slipctl.certify import catalogue, proofs
+from slipctl.certify.cells.mode_runs import worst_runs
 from slipctl.certify.entries import DoesNotHold
-from slipctl.certify.mode_runs import worst_runs
 from slipctl.certify.promise import CERTIFIED, REFUTED, exact_numbers
 from slipctl.errors import BadInput
 from slipctl.study import resolve

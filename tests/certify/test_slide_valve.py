@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from slipctl.certify import catalogue, proofs
-from slipctl.certify.interval_arrays import Boxes
-from slipctl.certify.mode_runs import worst_runs
+from slipctl.certify.arithmetic.interval_arrays import Boxes
+from slipctl.certify.cells.mode_runs import worst_runs
 from slipctl.certify.promise import CERTIFIED, exact_numbers
 from slipctl.models.vehicle.certificate.slide_tick import _after_valve, fall_of_sides
 from slipctl.models.vehicle.parts import Valve

@@ -6,10 +6,10 @@ from decimal import Decimal
 
 import pytest
 
-from slipctl.certify import sampled_funnel
-from slipctl.certify import scalar_maps as maps
-from slipctl.certify.decimal_intervals import precise
-from slipctl.certify.scalar_maps import Interval
+from slipctl.certify.arithmetic.decimal_intervals import precise
+from slipctl.certify.planar import scalar_maps as maps
+from slipctl.certify.planar.scalar_maps import Interval
+from slipctl.models.zhang_2021.certificate import sampled_funnel
 
 FUNNEL = sampled_funnel.Funnel(
     **{k: Decimal(v) for k, v in {

@@ -12,47 +12,42 @@ import numpy as np
 import pytest
 
 from slipctl import BadInput
-from slipctl.certify import (
-    binomial,
-    certificate,
+from slipctl.certify import certificate, proofs, safe_json
+from slipctl.certify.arithmetic import binomial
+from slipctl.certify.bounds import extremum, linear_kind, observers
+from slipctl.certify.catalogue import SYSTEMS, certify
+from slipctl.certify.checksum import with_checksum
+from slipctl.certify.entries import DoesNotHold, read_mapping
+from slipctl.certify.planar import lagged_maps, lagged_runs
+from slipctl.certify.planar.interval_systems import sets
+from slipctl.certify.planar.lagged_maps import Lagged, lag_numbers
+from slipctl.certify.planar.scalar_maps import CubicPull, Interval
+from slipctl.certify.promise import REFUTED, rounded_up
+from slipctl.certify.systems import CERTIFIED
+from slipctl.models.cheng_2022.certificate import (
     dither,
     dither_flight,
     dither_push,
     dither_search,
     dithering_kind,
-    extremum,
-    funnel_kind,
-    lagged_maps,
-    lagged_runs,
-    linear_kind,
-    observers,
-    proofs,
-    relay_orbits,
-    relay_proof,
-    relay_sets,
-    safe_json,
     seeking_kind,
     sliding_seeker,
+)
+from slipctl.models.cheng_2022.certificate.ball import Ball
+from slipctl.models.huang_2020.certificate import relay_orbits, relay_proof, relay_sets
+from slipctl.models.huang_2020.certificate.relay_sets import Relay
+from slipctl.models.super_twisting.certificate import (
     super_twisting,
     twisting_polygons,
     twisting_proof,
     twisting_sampled,
 )
-from slipctl.certify.ball import Ball
-from slipctl.certify.catalogue import SYSTEMS, certify
-from slipctl.certify.checksum import with_checksum
-from slipctl.certify.entries import DoesNotHold, read_mapping
-from slipctl.certify.interval_systems import sets
-from slipctl.certify.lagged_maps import Lagged, lag_numbers
-from slipctl.certify.promise import REFUTED, rounded_up
-from slipctl.certify.relay_sets import Relay
-from slipctl.certify.saturated_motion import Saturated, half_turn
-from slipctl.certify.scalar_maps import CubicPull, Interval
-from slipctl.certify.systems import CERTIFIED
-from slipctl.certify.twisting_levels import Levels
-from slipctl.certify.twisting_report import exact_verdict
-from slipctl.certify.twisting_rows import EMPTY, Grid, Law, Rows
-from slipctl.certify.twisting_turns import Sweep
+from slipctl.models.super_twisting.certificate.twisting_levels import Levels
+from slipctl.models.super_twisting.certificate.twisting_report import exact_verdict
+from slipctl.models.super_twisting.certificate.twisting_rows import EMPTY, Grid, Law, Rows
+from slipctl.models.super_twisting.certificate.twisting_turns import Sweep
+from slipctl.models.wang_2025.certificate.saturated_motion import Saturated, half_turn
+from slipctl.models.zhang_2021.certificate import funnel_kind
 
 F = Fraction
 

@@ -11,8 +11,8 @@ import pytest
 from slipctl.certify import proofs
 from slipctl.certify.entries import DoesNotHold
 from slipctl.certify.promise import CERTIFIED, INPUT, REFUTED, TARGET, Number, System
-from slipctl.certify.sums import Bounds, NoProof, check_cell, find_cell
-from slipctl.certify.tick_sets import Loop
+from slipctl.certify.smooth.sums import Bounds, NoProof, check_cell, find_cell
+from slipctl.certify.ticks.tick_sets import Loop
 from slipctl.errors import BadInput
 
 F = Fraction

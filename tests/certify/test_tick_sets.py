@@ -12,7 +12,7 @@ from samples import line, relay
 from slipctl.certify import proofs
 from slipctl.certify.entries import DoesNotHold
 from slipctl.certify.systems import CERTIFIED, INPUT, REFUTED, TARGET, Number, System, report
-from slipctl.certify.tick_sets import Loop, _span, clip, root, sgn
+from slipctl.certify.ticks.tick_sets import Loop, _span, clip, root, sgn
 from slipctl.errors import BadInput
 
 F = Fraction

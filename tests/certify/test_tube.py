@@ -12,8 +12,8 @@ from test_sums import F, pi, told, worst
 from slipctl.certify import proofs
 from slipctl.certify.entries import DoesNotHold
 from slipctl.certify.promise import CERTIFIED, INPUT, REFUTED, TARGET, Number, System
-from slipctl.certify.tick_sets import Loop
-from slipctl.certify.tube import check_tube, find_tube
+from slipctl.certify.smooth.tube import check_tube, find_tube
+from slipctl.certify.ticks.tick_sets import Loop
 from slipctl.errors import BadInput
 
 

@@ -6,11 +6,12 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from slipctl.certify import catalogue, proofs, twisting_late
+from slipctl.certify import catalogue, proofs
 from slipctl.certify.entries import DoesNotHold
-from slipctl.certify.twisting_late import Late
-from slipctl.certify.twisting_rows import Law
 from slipctl.errors import BadInput
+from slipctl.models.super_twisting.certificate import twisting_late
+from slipctl.models.super_twisting.certificate.twisting_late import Late
+from slipctl.models.super_twisting.certificate.twisting_rows import Law
 
 F = Fraction
 SYSTEM = catalogue.system("super_twisting")

@@ -7,12 +7,17 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from slipctl.certify import catalogue, proofs, twisting_report, twisting_rows, twisting_sampled
-from slipctl.certify import super_twisting as sta
+from slipctl.certify import catalogue, proofs
 from slipctl.certify.entries import DoesNotHold
-from slipctl.certify.twisting_levels import Levels
-from slipctl.certify.twisting_rows import Law
 from slipctl.errors import BadInput
+from slipctl.models.super_twisting.certificate import super_twisting as sta
+from slipctl.models.super_twisting.certificate import (
+    twisting_report,
+    twisting_rows,
+    twisting_sampled,
+)
+from slipctl.models.super_twisting.certificate.twisting_levels import Levels
+from slipctl.models.super_twisting.certificate.twisting_rows import Law
 
 F = Fraction
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from slipctl.certify.twisting_kind import _higher_run
+from slipctl.models.wang_2025.certificate.twisting_kind import _higher_run
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from slipctl.certify.catalogue import SYSTEMS, certify
-from slipctl.certify.super_twisting import worst_ratio
 from slipctl.commands.cli import main
+from slipctl.models.super_twisting.certificate.super_twisting import worst_ratio
 
 GAINS = ("certify", "super_twisting", "--set", "k1=2", "k2=1.1", "L=1")
 
@@ -172,7 +172,7 @@ def test_files_that_cannot_be(capsys):
 
 OWN = """
 from slipctl.certify.systems import INPUT, TARGET, Number, System
-from slipctl.certify.tick_sets import Loop
+from slipctl.certify.ticks.tick_sets import Loop
 
 loop = Loop(
     tick=lambda n, x, d: {"e": x["e"] - n["T"] * (n["K"] * x["e"] + d["w"])},

@@ -12,7 +12,7 @@ import pytest
 from test_tune import tuned
 
 from slipctl import RunFailed
-from slipctl.certify import binomial
+from slipctl.certify.arithmetic import binomial
 from slipctl.certify.entries import DoesNotHold
 from slipctl.commands.certificates import check
 from slipctl.commands.cli import main

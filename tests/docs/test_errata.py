@@ -29,13 +29,13 @@ from slipctl import (
     sampled,
     simulate,
 )
-from slipctl.certify import reaching_law as reaching
-from slipctl.certify import super_twisting as twisting
 from slipctl.estimate.least_squares import opened
 from slipctl.models import sensors
 from slipctl.models.brakes import brake
 from slipctl.models.huang_2020 import subway_braking as models
 from slipctl.models.huang_2020 import subway_braking_control as control
+from slipctl.models.huang_2020.certificate import reaching_law as reaching
+from slipctl.models.super_twisting.certificate import super_twisting as twisting
 from slipctl.seek import random
 from slipctl.seek.evolution import schedule
 

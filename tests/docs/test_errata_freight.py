@@ -9,9 +9,9 @@ from errata import shows
 from scipy.optimize import brentq
 
 from slipctl import BadInput, Scenario, connect, linear, luenberger, simulate, sliding_seek
-from slipctl.certify import barrier as bounds
-from slipctl.certify import extremum
+from slipctl.certify.bounds import extremum
 from slipctl.models.cheng_2022 import freight_traction as freight
+from slipctl.models.cheng_2022.certificate import barrier as bounds
 from slipctl.studies.freight_traction.experiments import dry_map
 from slipctl.studies.freight_traction.loops import (
     CHANGES,

@@ -10,11 +10,11 @@ from errata import shows
 from reduced_train import BY_MU, observed, reduced_run
 
 from slipctl import RunFailed, sampled
-from slipctl.certify import adhesion_observer as observer
-from slipctl.certify import higher_order as proofs
-from slipctl.certify import super_twisting as twisting
+from slipctl.models.super_twisting.certificate import super_twisting as twisting
 from slipctl.models.wang_2025 import hst_traction_adhesion as adhesion
 from slipctl.models.wang_2025 import hst_traction_control as control
+from slipctl.models.wang_2025.certificate import adhesion_observer as observer
+from slipctl.models.wang_2025.certificate import higher_order as proofs
 from slipctl.models.wheel_rail.contact import SURFACES, peak, polach
 from slipctl.studies.hst_traction.claims import TABLE_4
 from slipctl.studies.hst_traction.loops import BAND

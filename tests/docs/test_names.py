@@ -114,13 +114,11 @@ def test_names_of_functions_say_what_they_give():
 
 
 SIDE_BY_SIDE = 15
-WAITING = {"slipctl/certify"}
-"""Rooms whose proofs are being made one method; they leave this list then."""
 
 
 def test_few_files_lie_side_by_side():
     count = Counter(p.parent.relative_to(ROOT).as_posix() for p in FILES)
-    assert {f: n for f, n in count.items() if n > SIDE_BY_SIDE and f not in WAITING} == {}
+    assert {f: n for f, n in count.items() if n > SIDE_BY_SIDE} == {}
 
 
 def test_models_have_names_of_their_own():

@@ -26,7 +26,7 @@ from slipctl import (
     simulate,
 )
 from slipctl.block.block import Block, make_block
-from slipctl.certify import filters as cf
+from slipctl.certify.bounds import filters as cf
 from slipctl.estimate.kalman.filters import FORMS, ctukf, ekf, lipschitz, observability
 
 H, R_W, DT, GAMMA = 0.43 / 60.35, 1.0, 1e-3, 0.23  # Zhang 2021, Tables 2 and 3

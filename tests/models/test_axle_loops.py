@@ -133,7 +133,7 @@ def test_the_pid_as_it_was_shipped_is_refuted_by_a_run(tmp_path):
 @pytest.mark.long
 def test_more_push_lag_or_dead_time_is_never_easier(tmp_path):
     """Half-widths that are proved grow with each of them."""
-    from slipctl.certify.sums import Bounds, find_cell
+    from slipctl.certify.smooth.sums import Bounds, find_cell
 
     system, n = asked(tmp_path)
     cell = (n["least"], n["most"])

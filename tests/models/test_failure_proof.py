@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slipctl import connect
-from slipctl.certify.enclosure import enclose
+from slipctl.certify.arithmetic.enclosure import enclose
 from slipctl.models import vehicle
 from slipctl.models.vehicle.air.slide_protection import watchdog
 from slipctl.models.vehicle.failure import _axles, trust

@@ -19,9 +19,9 @@ from slipctl import (
     sampled,
     simulate,
 )
-from slipctl.certify import barrier as bounds
 from slipctl.models.cheng_2022 import freight_traction as freight
 from slipctl.models.cheng_2022 import freight_traction_control as control
+from slipctl.models.cheng_2022.certificate import barrier as bounds
 
 T = 2e-4
 BEST = float(freight.peak_creep(0.54, 1.2))

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from slipctl import BadInput, Scenario, argmax, sampled, simulate
-from slipctl.certify import prescribed_performance as ppc
 from slipctl.models.zhang_2021 import ep_valve
 from slipctl.models.zhang_2021 import hst_braking as models
 from slipctl.models.zhang_2021 import hst_braking_control as control
+from slipctl.models.zhang_2021.certificate import prescribed_performance as ppc
 
 M, N, I_W, R, G = 13800.0, 4.0, 60.35, 0.43, 9.81
 F_Z = M * G / N

@@ -8,10 +8,10 @@ import pytest
 from reduced_train import BY_MU, G, R, W, observed, reduced_run
 
 from slipctl import BadInput, RunFailed
-from slipctl.certify import adhesion_observer as bounds
-from slipctl.certify import higher_order as proofs
 from slipctl.models.wang_2025 import hst_traction_adhesion as adhesion
 from slipctl.models.wang_2025 import hst_traction_control as control
+from slipctl.models.wang_2025.certificate import adhesion_observer as bounds
+from slipctl.models.wang_2025.certificate import higher_order as proofs
 from slipctl.models.wheel_rail.contact import SURFACES, peak, polach
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from bench.healthy_vehicles import KINDS, drawn_vehicle, refused_ticks, trip_of
 from slipctl.block.block import Block
-from slipctl.certify.enclosure import enclose
+from slipctl.certify.arithmetic.enclosure import enclose
 from slipctl.models.ranges import of_those
 from slipctl.models.vehicle.control import vehicle_control
 

@@ -32,7 +32,7 @@ from slipctl import (
     step,
     unit_delay,
 )
-from slipctl.certify.steps import METHODS
+from slipctl.certify.bounds.steps import METHODS
 from slipctl.models import sensors
 from slipctl.models.huang_2020 import subway_braking as subway
 from slipctl.models.huang_2020 import subway_braking_control as control

@@ -21,7 +21,7 @@ from slipctl import (
     simulate,
     sliding_seek,
 )
-from slipctl.certify import extremum as bounds
+from slipctl.certify.bounds import extremum as bounds
 
 T = 2e-4
 PEAK, HEIGHT, BEND = 1.2099, 0.2862, -0.18544  # of paper 004's dry surface

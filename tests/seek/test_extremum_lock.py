@@ -24,7 +24,7 @@ from slipctl import (
     simulate,
     step,
 )
-from slipctl.certify import extremum as bounds
+from slipctl.certify.bounds import extremum as bounds
 
 STEEP = 0.66
 

@@ -8,7 +8,7 @@ import pytest
 
 from slipctl import BadInput, Context, simulate
 from slipctl.ccode import codegen
-from slipctl.certify import barrier as bounds
+from slipctl.models.cheng_2022.certificate import barrier as bounds
 from slipctl.run import build
 from slipctl.studies.freight_traction import barrier, experiments, study
 from slipctl.studies.freight_traction.loops import (

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from slipctl import Context, Results, simulate
-from slipctl.certify import filters
-from slipctl.certify import prescribed_performance as ppc
+from slipctl.certify.bounds import filters
 from slipctl.models.zhang_2021 import hst_braking_control as control
+from slipctl.models.zhang_2021.certificate import prescribed_performance as ppc
 from slipctl.models.zhang_2021.hst_braking import RAILS, burckhardt, peak_height, peak_slip
 from slipctl.run import build
 from slipctl.run.metrics import Run, measure

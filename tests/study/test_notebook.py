@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slipctl import Rail, Scenario, Section, fit, fit_over_time, from_text
-from slipctl.certify.certificate import certify_super_twisting
+from slipctl.certify.certificate import certificate_of
 from slipctl.models.huang_2020.subway_braking import double_exponential
 from slipctl.models.zhang_2021.hst_braking import davis
 from slipctl.run.sweep.sweep_runs import Sweep
@@ -54,7 +54,7 @@ SHOWN = {
     ),
     "fit": (fitted, ("double_exponential", "95 % interval", "rms")),
     "fit over time": (fitted_over_time, ("95 % interval", "rms", "<td>k")),
-    "certificate": (lambda: certify_super_twisting(6, 4, 1), ("CERTIFIED",)),
+    "certificate": (lambda: certificate_of("super_twisting", k1=6, k2=4, L=1), ("CERTIFIED",)),
 }
 
 

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from workbench_frames import answered
 
 from slipctl import BadInput, registry, simulate
-from slipctl.certify import super_twisting as sta
 from slipctl.commands.cli import main
+from slipctl.models.super_twisting.certificate import super_twisting as sta
 from slipctl.study import resolve
 from slipctl.workbench import curves, laws, saved_files, sliders, texts
 from slipctl.workbench.answers import Answers

@@ -15,9 +15,9 @@ import numpy as np
 
 from slipctl import BadInput, Block, Gains
 from slipctl.analysis.bounds import enclosure
-from slipctl.certify.axle_loop import axle_system
-from slipctl.certify.mode_cells import ModeLoop
-from slipctl.certify.slide_loop import slide_system
+from slipctl.certify.cells.mode_cells import ModeLoop
+from slipctl.certify.cells.slide_loop import slide_system
+from slipctl.certify.smooth.axle_loop import axle_system
 from slipctl.certify.systems import System
 from slipctl.models.vehicle.adhesion import rail_law
 from slipctl.models.vehicle.certificate import gains as bounds

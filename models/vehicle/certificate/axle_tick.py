@@ -24,10 +24,10 @@ import numpy as np
 
 from slipctl import BadInput, Block, connect
 from slipctl.block.transforms.discretisation import gated
-from slipctl.certify.axle_loop import SLIP, Built
-from slipctl.certify.sampled_loop import Cell, SampledLoop
-from slipctl.certify.sums import NoProof
-from slipctl.certify.tick_code import code_of_function
+from slipctl.certify.smooth.axle_loop import SLIP, Built
+from slipctl.certify.smooth.sampled_loop import Cell, SampledLoop
+from slipctl.certify.smooth.sums import NoProof
+from slipctl.certify.ticks.tick_code import code_of_function
 from slipctl.models.vehicle.control import slip_law, wheel
 from slipctl.models.vehicle.parts import OwnLaw, SlipLaw, Trip
 from slipctl.models.vehicle.plant import on_train

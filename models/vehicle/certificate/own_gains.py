@@ -18,7 +18,7 @@ import numpy as np
 
 from slipctl import BadInput, Block, Input, Output, Param, connect, law
 from slipctl.analysis.bounds import enclosure, largest_slope, slope_function
-from slipctl.certify.enclosure import largest
+from slipctl.certify.arithmetic.enclosure import largest
 from slipctl.models.common_form import ADDED
 from slipctl.models.vehicle.control import slip_law, wheel
 from slipctl.models.vehicle.parts import OwnLaw, Trip

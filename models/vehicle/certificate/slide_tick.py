@@ -22,13 +22,13 @@ import numpy as np
 
 from slipctl import BadInput
 from slipctl.block.transforms.discretisation import gated
-from slipctl.certify.mode_cells import ModeLoop
-from slipctl.certify.mode_proofs import MOST_REALS
-from slipctl.certify.mode_runs import worst_runs
-from slipctl.certify.slide_loop import HEIGHT, LATE, NOISE, PUSH, SLIP, STOP, push_ranges
-from slipctl.certify.sums import NoProof
-from slipctl.certify.tick_code import TickCode, code_of_function
-from slipctl.certify.tick_coordinates import (
+from slipctl.certify.cells.mode_cells import ModeLoop
+from slipctl.certify.cells.mode_proofs import MOST_REALS
+from slipctl.certify.cells.mode_runs import worst_runs
+from slipctl.certify.cells.slide_loop import HEIGHT, LATE, NOISE, PUSH, SLIP, STOP, push_ranges
+from slipctl.certify.smooth.sums import NoProof
+from slipctl.certify.ticks.tick_code import TickCode, code_of_function
+from slipctl.certify.ticks.tick_coordinates import (
     chosen_coordinates,
     states_that_matter,
     whole_states,

@@ -14,7 +14,7 @@ from slipctl.block.block import Block, Exprs, as_block, make_block
 from slipctl.block.fields import Composition
 from slipctl.block.functions import symbol_maker
 from slipctl.block.signals import Bound, Input, Output, State
-from slipctl.certify.steps import METHODS, largest_step
+from slipctl.certify.bounds.steps import METHODS, largest_step
 from slipctl.errors import BadInput, check_positive, check_whole, nearest
 
 SHARES = (1.0, 1 / 4, 1 / 16, 1 / 64)

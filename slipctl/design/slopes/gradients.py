@@ -22,7 +22,7 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.shared_numbers import number_at
-from slipctl.certify.enclosure import Interval, enclose
+from slipctl.certify.arithmetic.enclosure import Interval, enclose
 from slipctl.design.slopes.backward import Backward, edges
 from slipctl.errors import BadInput
 from slipctl.predict.sensitivity import by_numbers

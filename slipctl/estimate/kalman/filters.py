@@ -5,7 +5,7 @@
 * :func:`observability`: whether the measurement tells the unknowns apart, from that Jacobian.
 * :func:`lipschitz`: how fast the equations change over a region, enclosed by interval arithmetic.
 
-What bounds them (pole, steady variance, consistency) is in :mod:`slipctl.certify.filters`.
+What bounds them (pole, steady variance, consistency) is in :mod:`slipctl.certify.bounds.filters`.
 """
 
 from __future__ import annotations

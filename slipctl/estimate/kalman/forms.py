@@ -15,8 +15,8 @@ import numpy as np
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.transforms.discretisation import check_step, sampled
 from slipctl.block.units.unit_algebra import one
-from slipctl.certify.filters import rate
-from slipctl.certify.steps import METHODS, largest_step
+from slipctl.certify.bounds.filters import rate
+from slipctl.certify.bounds.steps import METHODS, largest_step
 from slipctl.errors import BadInput
 from slipctl.estimate.kalman.model import Problem, per_second, start_value
 from slipctl.estimate.kalman.moments import Vector, factors, forward, solve, with_floor

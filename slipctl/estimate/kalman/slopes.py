@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block, Exprs
-from slipctl.certify.enclosure import Bracket, largest, scalar_function
+from slipctl.certify.arithmetic.enclosure import Bracket, largest, scalar_function
 from slipctl.errors import BadInput, check_positive, nearest
 from slipctl.estimate.kalman.model import Numbers, Problem, by_name, per_second, start_value
 

@@ -11,7 +11,7 @@ Three things make the ball |w|^2 <= level a region of attraction:
 * V(F(w)) < V(w) from there to the edge.
 
 The last two are enclosed by intervals over boxes that are halved until each is decided
-(:mod:`slipctl.certify.enclosure`). How far the proof could go at most is told by samples: the
+(``certify.arithmetic.enclosure``). How far the proof could go at most is told by samples: the
 nearest state found where a limit is passed or V does not fall.
 """
 
@@ -26,7 +26,7 @@ import numpy as np
 
 from slipctl.block.block import Block, Exprs, as_block, make_block
 from slipctl.block.signals import Output, Signal
-from slipctl.certify.enclosure import enclose, from_middle
+from slipctl.certify.arithmetic.enclosure import enclose, from_middle
 from slipctl.errors import BadInput, check_positive
 from slipctl.predict.options.arguments import Limit, bounds_of, by_name, scale_of, weights_of
 from slipctl.predict.options.limits import FAR, limits_of

@@ -113,7 +113,7 @@ def one(seed: int, within: bool) -> tuple[str, str]:
 
 def _system(delay: int, within: bool, Number: Any, System: Any, INPUT: str, TARGET: str) -> Any:
     """The loop as a person declares it."""
-    from slipctl.certify.tick_sets import Loop
+    from slipctl.certify.ticks.tick_sets import Loop
 
     def tick(n, x, d):
         e = x["e"]

@@ -97,7 +97,7 @@ def source(rng: random.Random) -> tuple[str, list[str]]:
 PRELUDE = """
 import math, random
 import numpy as np
-from slipctl.certify.tick_sets import clip, if_else, sgn
+from slipctl.certify.ticks.tick_sets import clip, if_else, sgn
 KEPT, CALLS, CONST = {}, 0, 0.75
 def counter():
     seen = 0
@@ -227,7 +227,7 @@ def one(seed: int) -> tuple[str, str]:
     """Verdict on a random tick, and what is false of it; empty if nothing."""
     from slipctl.certify import proofs
     from slipctl.certify.promise import INPUT, TARGET, Number, System
-    from slipctl.certify.tick_sets import Loop
+    from slipctl.certify.ticks.tick_sets import Loop
     from slipctl.errors import BadInput
 
     rng = random.Random(seed)

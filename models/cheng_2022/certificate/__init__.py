@@ -1,0 +1,1 @@
+"""Certificates of Cheng 2022: barrier Lyapunov control, and seeking the best slip."""

@@ -1,0 +1,1 @@
+"""Certificates of super-twisting: continuous, as sampled, late, in implicit steps."""

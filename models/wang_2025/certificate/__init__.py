@@ -1,0 +1,1 @@
+"""Certificates of Wang 2025: adhesion observer, higher-order sliding mode, compensation."""

@@ -1,0 +1,199 @@
+"""Runs of a loop with modes: a search for the worst one in floats, and its replay in decimals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from slipctl.certify.arithmetic.decimal_intervals import Interval
+from slipctl.certify.cells.mode_cells import ModeLoop
+from slipctl.certify.entries import DoesNotHold, rows, whole
+
+RUNS = 600
+"""Runs side by side."""
+
+GENERATIONS = 5
+"""How often the worst runs are altered."""
+
+MOST_RUN = 20_000
+"""Most ticks of a run in a file."""
+
+DIGITS = 120
+"""Digits of a run that is replayed."""
+
+
+@dataclass(frozen=True)
+class Runs:
+    """What runs came to.
+
+    Attributes:
+        low, high: ends of each real state. visited: real states and modes, by tick.
+        worst: by watched state and side (-1, 1) the farthest value, and the run: its start as
+            signs by real state, and its pushes as signs by tick and push.
+        kept: ends of a further output that was asked for.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    visited: list[tuple[np.ndarray, np.ndarray]]
+    worst: Mapping[tuple[str, int], tuple[float, np.ndarray, np.ndarray]]
+    kept: tuple[Fraction, Fraction] = (Fraction(0), Fraction(0))
+
+
+class _Search:
+    """Runs from corners of the start, with pushes at the ends of their ranges."""
+
+    def __init__(self, loop: ModeLoop, ticks: int, seed: int, kept: str = "") -> None:
+        self.loop, self.ticks = loop, ticks
+        self.kept, self.ends = kept, [0.0, 0.0]
+        self.rng = np.random.default_rng(seed)
+        self.run = loop.code.compiled(arrays=True)
+        self.names = list(loop.push)
+        self.low = np.array([float(a) for a, _ in loop.push.values()])
+        self.high = np.array([float(b) for _, b in loop.push.values()])
+        many = len(loop.reals)
+        self.lowest, self.highest = np.full(many, np.inf), np.full(many, -np.inf)
+        self.visited: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def pushes(self) -> np.ndarray:
+        """Random corners that stay for some ticks, by run, tick and push."""
+        shape = (RUNS, self.ticks, len(self.names))
+        stay = self.rng.choice([1, 3, 10, 30, 100], (RUNS, 1, 1))
+        turns = self.rng.random(shape) < 1 / stay
+        turns[:, 0] = True
+        fresh = self.rng.choice(np.array([-1, 1], np.int8), shape)
+        at = np.maximum.accumulate(np.where(turns, np.arange(self.ticks)[None, :, None], 0), axis=1)
+        return np.take_along_axis(fresh, at, axis=1)
+
+    def altered(self, signs: np.ndarray, worst: np.ndarray) -> np.ndarray:
+        """Pushes of the worst runs, with stretches turned over or moved in time."""
+        found = signs[worst[self.rng.integers(0, len(worst), RUNS)]]
+        for k in range(len(worst), RUNS):
+            push = self.rng.integers(0, max(len(self.names), 1))
+            begin = self.rng.integers(0, self.ticks)
+            size = int(self.rng.choice([1, 4, 15, 60, 200]))
+            if self.rng.random() < 0.5:
+                found[k, begin : begin + size, push] *= -1
+            else:
+                found[k, begin:] = np.roll(found[k, begin:], self.rng.choice([-9, -2, 2, 9]), 0)
+        found[: len(worst)] = signs[worst]
+        return found
+
+    def runs(self, starts: np.ndarray, signs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest value of each real state, by run."""
+        loop = self.loop
+        ends = np.array([[float(a), float(b)] for a, b in loop.start]).reshape(-1, 2)
+        states = [np.where(starts[:, k] > 0, ends[k, 1], ends[k, 0]) for k in range(len(ends))]
+        states += [np.full(RUNS, float(m)) for m in loop.begins]
+        order = [*(f"x_{n}" for n in (*loop.reals, *loop.modes)), *(f"d_{n}" for n in self.names)]
+        inputs = [order.index(n) for n in loop.code.inputs]
+        outputs = list(loop.code.outputs)
+        to = [outputs.index(n) for n in (*loop.reals, *loop.modes)]
+        many = len(loop.reals)
+        low = np.array(states[:many])
+        high = low.copy()
+        for t in range(self.ticks):
+            push = np.where(signs[:, t] > 0, self.high, self.low)
+            given = [*states, *push.T]
+            with np.errstate(all="ignore"):
+                after = self.run(*(given[i] for i in inputs))
+            states = [np.broadcast_to(np.asarray(after[i], float), (RUNS,)) for i in to]
+            if self.kept:
+                value = np.asarray(after[outputs.index(self.kept)])
+                self.ends = [min(self.ends[0], value.min()), max(self.ends[1], value.max())]
+            reals = np.array(states[:many])
+            if not np.isfinite(reals).all():
+                break
+            low, high = np.minimum(low, reals), np.maximum(high, reals)
+            if (t + 1) % loop.stride == 0:
+                modes = np.array(states[many:]).reshape(-1, RUNS).T
+                self.visited.append((reals.T, np.rint(modes).astype(np.int64)))
+        self.lowest = np.minimum(self.lowest, low.min(axis=1))
+        self.highest = np.maximum(self.highest, high.max(axis=1))
+        return low, high
+
+
+def worst_runs(loop: ModeLoop, ticks: int, seed: int = 0, kept: str = "") -> Runs:
+    """Search for runs in which the watched states come farthest, in floats.
+
+    Args:
+        loop: the loop. ticks: of each run. seed: of its pushes. kept: a further output whose ends
+            are wanted.
+    """
+    search = _Search(loop, ticks, seed, kept)
+    worst: dict[tuple[str, int], tuple[float, np.ndarray, np.ndarray]] = {}
+    for name in loop.watched:
+        k = loop.reals.index(name)
+        for side in (1, -1):
+            starts = search.rng.choice([-1, 1], (RUNS, len(loop.reals)))
+            signs = search.pushes()
+            for generation in range(GENERATIONS if side > 0 else 2):
+                low, high = search.runs(starts, signs)
+                far = high[k] if side > 0 else -low[k]
+                order = np.argsort(-far)
+                best = order[0]
+                if (name, side) not in worst or far[best] > worst[name, side][0] * side:
+                    worst[name, side] = (
+                        float(side * far[best]),
+                        starts[best].copy(),
+                        signs[best].copy(),
+                    )
+                if generation + 1 < GENERATIONS:
+                    signs = search.altered(signs, order[:30])
+                    starts[:30] = starts[order[:30]]
+    ends = [Fraction(float(e)) for e in search.ends]
+    return Runs(search.lowest, search.highest, search.visited, worst, (ends[0], ends[1]))
+
+
+def run_entries(starts: np.ndarray, signs: np.ndarray) -> dict[str, Any]:
+    """A run as a file holds it: signs of the start, and rows of [ticks, signs of the pushes]."""
+    found: list[list[int]] = []
+    for row in signs.tolist():
+        if found and found[-1][1:] == row:
+            found[-1][0] += 1
+        else:
+            found.append([1, *row])
+    return {"start": [int(s) for s in starts], "pushes": found}
+
+
+def replay_run(
+    loop: ModeLoop, given: Mapping[str, Any], state: str, low: Fraction | None,
+    high: Fraction | None,
+) -> tuple[int, Fraction]:  # fmt: skip
+    """Run a file's run in decimals; gives after how many ticks a state is beyond, and its value.
+
+    Raises:
+        DoesNotHold: it is never beyond, or the run is not decided. BadInput: it is malformed.
+    """
+    many = len(loop.reals)
+    values = {}
+    signs = rows(given["start"], "run.start", many, many)
+    for name, (a, b), sign in zip(loop.reals, loop.start, signs, strict=True):
+        at = b if whole(sign, "run.start", -1, 1) > 0 else a
+        values[name] = Interval.of(at, DIGITS)
+    for name, mode in zip(loop.modes, loop.begins, strict=True):
+        values[name] = Interval.of(mode, DIGITS)
+    ticks = 0
+    for row in rows(given["pushes"], "run.pushes", MOST_RUN):
+        count, *signs = rows(row, "run.pushes", len(loop.push) + 1, len(loop.push) + 1)
+        push = {}
+        for (name, (a, b)), sign in zip(loop.push.items(), signs, strict=True):
+            at = b if whole(sign, "run.pushes", -1, 1) > 0 else a
+            push[f"d_{name}"] = Interval.of(at, DIGITS)
+        for _ in range(whole(count, "run.pushes", 1, MOST_RUN)):
+            ticks += 1
+            if ticks > MOST_RUN:
+                raise DoesNotHold(f"run: it has more than {MOST_RUN} ticks")
+            values = loop.code.run({**{f"x_{k}": v for k, v in values.items()}, **push})
+            if any(not values[m].decided() for m in loop.modes):
+                raise DoesNotHold("run: a condition is too near to tell")
+            below, above = values[state].ends()
+            if high is not None and below > high:
+                return ticks, below
+            if low is not None and above < low:
+                return ticks, above
+    raise DoesNotHold(f"run: {state} is not shown to exceed its bound")
