@@ -24,6 +24,7 @@ from slipctl.study.resolve import load_study
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
+TOOLS = DOCS / "tools"
 RUNNER = ROOT / "tests" / "pages.py"
 PAGES = (
     "workbench.md",
@@ -142,19 +143,19 @@ def test_tutorial_runs(tmp_path, needs_compiler):
 
 @pytest.mark.second
 def test_api_reference_is_fresh():
-    command = [sys.executable, str(DOCS / "make_api.py"), "--check"]
+    command = [sys.executable, str(TOOLS / "make_api.py"), "--check"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_pages_of_commands_and_metrics_are_fresh():
-    command = [sys.executable, str(DOCS / "make_reference.py"), "--check"]
+    command = [sys.executable, str(TOOLS / "make_reference.py"), "--check"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_page_of_the_controllers_in_c_is_that_of_its_evidence():
-    command = [sys.executable, str(DOCS / "make_controllers.py"), "--check"]
+    command = [sys.executable, str(TOOLS / "make_controllers.py"), "--check"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stdout + done.stderr
 
@@ -164,9 +165,9 @@ def test_page_of_the_controllers_in_c_is_that_of_its_evidence():
 
 @cache
 def rooms() -> ModuleType:
-    """docs/make_rooms.py: floors as docs/architecture.md says, imports as the code has them."""
-    sys.path.insert(0, str(DOCS))
-    spec = importlib.util.spec_from_file_location("make_rooms", DOCS / "make_rooms.py")
+    """make_rooms.py: floors as docs/architecture.md says, imports as the code has them."""
+    sys.path.insert(0, str(TOOLS))
+    spec = importlib.util.spec_from_file_location("make_rooms", TOOLS / "make_rooms.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -214,7 +215,7 @@ def test_each_room_says_its_question_and_nothing_else():
 
 @pytest.mark.second
 def test_picture_of_the_rooms_is_that_of_the_imports():
-    command = [sys.executable, str(DOCS / "make_rooms.py"), "--check"]
+    command = [sys.executable, str(TOOLS / "make_rooms.py"), "--check"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stdout + done.stderr
 
@@ -299,7 +300,7 @@ def results(tmp_path_factory) -> Path:
 
 @pytest.mark.long
 def test_tables_of_metrics_are_what_the_study_gives(results):
-    spec = importlib.util.spec_from_file_location("make_tables", DOCS / "make_tables.py")
+    spec = importlib.util.spec_from_file_location("make_tables", TOOLS / "make_tables.py")
     maker = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(maker)
     page = (DOCS / "subway_braking.md").read_text(encoding="utf-8")
@@ -307,9 +308,9 @@ def test_tables_of_metrics_are_what_the_study_gives(results):
     before, after = tables(page), tables(new)
     assert [k for k, _ in before] == [k for k, _ in after]
     for (kind, old), (_, fresh) in zip(before, after, strict=True):
-        assert len(cells(old)) == len(cells(fresh)), f"{kind}: run docs/make_tables.py"
+        assert len(cells(old)) == len(cells(fresh)), f"{kind}: run docs/tools/make_tables.py"
         for a, b in zip(cells(old), cells(fresh), strict=True):
-            assert close(a, b), f"{kind}: {a} is {b} now; run docs/make_tables.py"
+            assert close(a, b), f"{kind}: {a} is {b} now; run docs/tools/make_tables.py"
 
 
 @pytest.mark.parametrize(
@@ -318,7 +319,7 @@ def test_tables_of_metrics_are_what_the_study_gives(results):
      (["all_rails", "--results", "/nowhere"], "cannot read /nowhere")],
 )  # fmt: skip
 def test_tables_refuse_what_they_do_not_know_in_a_line(arguments, said, capsys):
-    spec = importlib.util.spec_from_file_location("make_tables", DOCS / "make_tables.py")
+    spec = importlib.util.spec_from_file_location("make_tables", TOOLS / "make_tables.py")
     maker = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(maker)
     with pytest.raises(SystemExit) as ended:
@@ -334,7 +335,7 @@ def test_page_of_the_study_has_every_claim_and_scenario(name):
     page = (DOCS / f"{name}.md").read_text(encoding="utf-8")
     study = load_study(name)
     for claim in study.claims:
-        assert claim.claim in page, f"{claim.id}: run docs/make_tables.py"
+        assert claim.claim in page, f"{claim.id}: run docs/tools/make_tables.py"
     named = set(re.findall(r"`(\w+)`", page))
     for case in study.cases(study.models, False):
         assert {case.scenario.name, *case.loops} <= named

@@ -19,11 +19,12 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 def module(name: str) -> Any:
     """A script of the docs."""
-    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    folder = DOCS / "tools" if name.startswith("make_") else DOCS
+    spec = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
-    if str(DOCS) not in sys.path:
-        sys.path.append(str(DOCS))  # scripts import each other
+    if str(folder) not in sys.path:
+        sys.path.append(str(folder))  # scripts import each other
     made = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(made)
     return made
