@@ -24,8 +24,8 @@ HEAD = """\
 # API reference
 
 Made from the docstrings by `python docs/tools/make_api.py`; a test fails when it is out of date.
-Public is what `slipctl` exports; figures, the modules of bounds and the models are listed after it. Units
-are SI. The ideas behind the names are in [concepts](concepts.md).
+Public is what `slipctl` exports; figures, the modules of bounds and the models are listed after it.
+Units are SI. The ideas behind the names are in [concepts](concepts.md).
 """
 
 SECTION = re.compile(r"^(Args|Returns|Raises|Yields|Attributes|Kinds|Proof note):\s*(.*)$")

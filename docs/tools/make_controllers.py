@@ -27,8 +27,8 @@ HEAD = """\
 # Every controller in C
 
 Made from [the evidence](evidence/c_targets.json) by `python docs/tools/make_controllers.py`; a
-test fails when it is out of date. What is measured, and how, is told in [the C interface](c_interface.md).
-`python -m bench.c_targets` measures it again.
+test fails when it is out of date. What is measured, and how, is told in
+[the C interface](c_interface.md). `python -m bench.c_targets` measures it again.
 """
 
 HOLDS = """\
