@@ -47,8 +47,9 @@ def metrics() -> str:
         rows.append(f"| `{name}` | {unit} | {meaning} |")
     head = (
         "# Metrics\n\nMade from the code by `python docs/tools/make_reference.py`. A metric that"
-        " has no meaning for a run is left out.\nOne with several values says which rail each is of."
-        " Units are those that the studies have.\n\n| metric | unit | meaning |\n|---|---|---|\n"
+        " has no meaning for a run is left out.\nOne with several values says which rail each is"
+        " of. Units are those that the studies have.\n\n"
+        "| metric | unit | meaning |\n|---|---|---|\n"
     )
     return head + "\n".join(rows) + "\n"
 
