@@ -8,7 +8,7 @@ import math
 import sys
 import types
 import typing
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import fields
 from difflib import get_close_matches
 from numbers import Integral, Number, Rational, Real
@@ -54,6 +54,16 @@ def nearest(name: str, candidates: Iterable[str]) -> str:
         return ""
     shown = ", ".join(known[:12])
     return f"; it has {shown}" + (", ..." if len(known) > 12 else "")
+
+
+def check_known(what: str, name: Any, known: Collection[Any], told: str = "") -> None:
+    """Refuse a name that is none of the known ones.
+
+    Raises:
+        BadInput: "what 'name'told; did you mean 'x'?", or what there is.
+    """
+    if name not in known:
+        raise BadInput(f"{what} {name!r}{told}{nearest(name, known)}")
 
 
 def refuse_unknown_choice(what: str, choice: str, given: str, choices: Iterable[str]) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.certify.arithmetic.enclosure import enclose, jumps, largest, scalar_function
 from slipctl.certify.arithmetic.jumps import largest_jump
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known
 
 METHODS = ("interval", "grid")
 
@@ -60,8 +60,7 @@ def largest_slope(
         BadInput: an unknown name or method, an empty range, an operation without an interval rule,
             or an output that jumps inside the box: no slope bounds a jump.
     """
-    if method not in METHODS:
-        raise BadInput(f"largest_slope has no method {method!r}{nearest(method, METHODS)}")
+    check_known("largest_slope has no method", method, METHODS)
     f = slope_function(block, output, wrt, list(over), at)
     low, high = _ends(over, "largest_slope")
     _refuse_jump(block, output, list(over), at, low, high)
@@ -108,8 +107,7 @@ def enclosure(
     low, high = _ends(over, "enclosure")
     whole = block.function()
     results = [n.partition("_")[2] for n in whole.name_out()]
-    if output not in results:
-        raise BadInput(f"{block.name} has no output {output!r}{nearest(output, results)}")
+    check_known(f"{block.name} has no output", output, results)
     f = _of_column(block, whole, results.index(output), list(over), at)
     places = np.array(f(np.column_stack([low, (low + high) / 2, high])).full())
     apart = gap * max(float(np.ptp(places)), 1e-6 * float(np.abs(places).max()), 1e-12)
@@ -191,8 +189,7 @@ def _of_column(
     own = {n.replace(".", "_"): n for n in declared}  # CasADi takes no dots
     names = [own[n.partition("_")[2]] for n in named.name_in()]
     for name in (*varying, *at):
-        if name not in names:
-            raise BadInput(f"{block.name} has no signal {name!r}{nearest(name, names)}")
+        check_known(f"{block.name} has no signal", name, names)
     x = ca.SX.sym("x", len(varying))
     arguments = []
     for name in names:

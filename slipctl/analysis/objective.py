@@ -10,21 +10,19 @@ import casadi as ca
 from slipctl.block.block import Block, Exprs
 from slipctl.block.signals import Output, Signal
 from slipctl.block.text.named_expressions import names_in
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known
 
 
 def objective(where: str, law: Block, over: str, maximise: str | None) -> str:
     """Output that is maximised, after a look at the law."""
     if law.kind != "law" or not law.sx:
         raise BadInput(f"{where}: only a law of scalar expressions can be searched")
-    if over not in law.inputs:
-        raise BadInput(f"{where} has no input {over!r}{nearest(over, law.inputs)}")
+    check_known(f"{where} has no input", over, law.inputs)
     if maximise is None and len(law.outputs) == 1:
         maximise = next(iter(law.outputs))
     if maximise is None:
         raise BadInput(f"{where}: give maximise=, one of {', '.join(law.outputs)}")
-    if maximise not in law.outputs:
-        raise BadInput(f"{where} has no output {maximise!r}{nearest(maximise, law.outputs)}")
+    check_known(f"{where} has no output", maximise, law.outputs)
     if any(s.shape != () for s in (*law.inputs.values(), law.outputs[maximise])):
         raise BadInput(f"{where}: inputs, and what is searched for the best of, must be scalars")
     return maximise

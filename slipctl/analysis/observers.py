@@ -12,7 +12,7 @@ from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Input, Output, Param, State
 from slipctl.block.units.unit_algebra import unit
 from slipctl.certify.bounds.observers import check_poles, pole_text
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known, nearest
 
 
 def luenberger(
@@ -193,8 +193,7 @@ def _ackermann(A: np.ndarray, seen: np.ndarray, poles: np.ndarray) -> np.ndarray
 def _given(where: str, names: list[list[str]], gains: Mapping[str, float]) -> np.ndarray:
     wanted = [n for row in names for n in row]
     for n in gains:
-        if n not in wanted:
-            raise BadInput(f"{where} has no gain {n!r}{nearest(n, wanted)}")
+        check_known(f"{where} has no gain", n, wanted)
     missing = [n for n in wanted if n not in gains]
     if missing:
         raise BadInput(f"{where}: give the gain {missing[0]} too")

@@ -22,7 +22,7 @@ from slipctl.analysis.objective import (
 )
 from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
 from slipctl.block.signals import Param
-from slipctl.errors import BadInput, RunFailed, check_range, check_whole, nearest
+from slipctl.errors import BadInput, RunFailed, check_known, check_range, check_whole
 
 Slopes = Callable[[float], tuple[float, float]]
 """First and second derivative at a place."""
@@ -310,8 +310,7 @@ def objective_functions(
     given = left_open(law, over)
     names = [s.name for s in given]
     for k in at:
-        if k not in names:
-            raise BadInput(f"{where} has no input or parameter {k!r}{nearest(k, names)}")
+        check_known(f"{where} has no input or parameter", k, names)
     params = law.param_values(**{k: v for k, v in at.items() if k in law.params})
     fixed: list[float] = []
     for s in given:

@@ -22,7 +22,7 @@ from slipctl.block.fields import ROLES, Body, Composition, LawData, Rebuild
 from slipctl.block.functions import Exprs, Functions
 from slipctl.block.signals import Signal
 from slipctl.block.text.named_expressions import evaluate, names_in
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known, nearest
 
 
 class Block(Functions):
@@ -77,8 +77,7 @@ class Block(Functions):
             BadInput: unknown state, value off range, or an expression that cannot be computed.
         """
         for n in override:
-            if n not in self.states:
-                raise BadInput(f"{self.name} has no state {n!r}{nearest(n, self.states)}")
+            check_known(f"{self.name} has no state", n, self.states)
         shared = {n: v for n, v in override.items() if n in self.sharing.aliases}
         if shared:  # what follows them does so
             rest = {n: v for n, v in override.items() if n not in shared}
@@ -97,8 +96,7 @@ class Block(Functions):
         """
         known = {**self.states, **self.inputs, **self.params}
         for n in numbers:
-            if n not in known:
-                raise BadInput(f"{self.name} has no signal {n!r}{nearest(n, known)}")
+            check_known(f"{self.name} has no signal", n, known)
         shared = {n: v for n, v in numbers.items() if n in self.sharing.aliases}
         if shared and not set(self.states) <= set(numbers):  # what follows them does so
             rest = {n: v for n, v in numbers.items() if n not in shared}
@@ -351,15 +349,13 @@ class Block(Functions):
         parts = dict(self.parts)
         if self.composition.rebuild is None:
             head = name.partition(".")[0]
-            if head not in parts:
-                raise BadInput(f"{self.name} has no part {head!r}{nearest(head, parts)}")
+            check_known(f"{self.name} has no part", head, parts)
             raise BadInput(f"{self.name} cannot be rebuilt with another {head!r}")
         if self.transparent:
             ((head, part),) = parts.items()
             return self.composition.rebuild({head: part.swap(name, block)})._keep_values(self, {})
         head, _, rest = name.partition(".")
-        if head not in parts:
-            raise BadInput(f"{self.name} has no part {head!r}{nearest(head, parts)}")
+        check_known(f"{self.name} has no part", head, parts)
         parts[head] = parts[head].swap(rest, block) if rest else block
         new = self._rebuilt(parts, {k: s.given for k, s in self.sharing.shares.items()})
         return shared_numbers.with_shares_of(self, new)._keep_values(self, {})

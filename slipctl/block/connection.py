@@ -22,7 +22,7 @@ from slipctl.block.shared_numbers import (
 )
 from slipctl.block.shared_places import bind
 from slipctl.block.signals import Signal
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known, nearest
 
 Call = tuple[str, list[str], bool]
 """One evaluation of a part: its name, the outputs to take, and whether it is the last one."""
@@ -227,8 +227,7 @@ def _find(name: str, blocks: Mapping[str, Block], path: str, role: str) -> tuple
     if part not in blocks or not dot:
         raise BadInput(f"{name}: {path!r} names no part{nearest(part, blocks)}")
     known = blocks[part]._signals[role]
-    if port not in known:
-        raise BadInput(f"{name}: {part} has no {role} {port!r}{nearest(port, known)}")
+    check_known(f"{name}: {part} has no {role}", port, known)
     return part, port
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from slipctl.block.block import Block, Exprs, block_from
 from slipctl.block.signals import Signal
-from slipctl.errors import BadInput, check_positive, nearest
+from slipctl.errors import BadInput, check_known, check_positive
 
 _SETTINGS = (
     "period", "units", "conditions", "closed_form", "coordinates", "readings", "expects",
@@ -69,8 +69,7 @@ def check_conditions(
     known = {k: s for k, s in signals.items() if s.role in ("param", "input")}
     for condition, values in conditions.items():
         for k, value in values.items():
-            if k not in known:
-                raise BadInput(f"{name}: condition {condition!r} sets {k!r}{nearest(k, known)}")
+            check_known(f"{name}: condition {condition!r} sets", k, known)
             known[k].check(f"{name}: condition {condition!r}: {k}", value)
 
 

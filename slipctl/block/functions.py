@@ -12,7 +12,7 @@ import numpy as np
 from slipctl.block.signals import packed_numbers, total_size
 from slipctl.block.text.intermediates import collect_locals, values_of_body, with_checked_locals
 from slipctl.block.values import Values
-from slipctl.errors import BadInput, list_of_kind, nearest
+from slipctl.errors import BadInput, check_known, list_of_kind
 
 Exprs = dict[str, Any]
 _PREFIX = {"state": "x", "input": "u", "param": "p", "output": "y"}
@@ -39,10 +39,7 @@ class Functions(Values):
             if name not in given:
                 raise BadInput(f"{self.name} does not return its {what} {name!r}")
         for name, value in given.items():
-            if name not in wanted:
-                raise BadInput(
-                    f"{self.name} returns an undeclared {what} {name!r}{nearest(name, wanted)}"
-                )
+            check_known(f"{self.name} returns an undeclared {what}", name, wanted)
             if value is None or isinstance(value, (str, Mapping)):
                 raise BadInput(
                     f"{self.name} returns {value!r} as {what} {name!r}; return an expression"
@@ -169,12 +166,10 @@ class Functions(Values):
         args, names, groups = self._named_symbols()
         n, y = self.expr(*groups)
         results = {**n, **y}
-        if of not in results:
-            raise BadInput(f"{self.name} has no output or state {of!r}{nearest(of, results)}")
+        check_known(f"{self.name} has no output or state", of, results)
         known = {**groups[0], **groups[1], **groups[2]}
         for w in wanted:
-            if w not in known:
-                raise BadInput(f"{self.name} has no signal {w!r}{nearest(w, known)}")
+            check_known(f"{self.name} has no signal", w, known)
         J = ca.horzcat(*[ca.jacobian(results[of], known[w]) for w in wanted])
         return ca.Function(f"jac_{self._c_name()}", args, [J], names, ["J"])
 

@@ -12,10 +12,10 @@ import numpy as np
 from slipctl.block.text.named_expressions import names_in
 from slipctl.errors import (
     BadInput,
+    check_known,
     check_number,
     check_texts,
     check_whole,
-    nearest,
     refuse_unknown_choice,
     value_text,
 )
@@ -216,8 +216,7 @@ class Signal:
         Raises:
             BadInput: it has no such value.
         """
-        if name not in self.values:
-            raise BadInput(f"{where} has no value {name!r}{nearest(name, self.values)}")
+        check_known(f"{where} has no value", name, self.values)
         return self.values.index(name)
 
     def named(self, name: str) -> Signal:

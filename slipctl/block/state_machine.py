@@ -11,7 +11,7 @@ import casadi as ca
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Output, Signal, State
 from slipctl.block.text import expression
-from slipctl.errors import BadInput, Faults, nearest
+from slipctl.errors import BadInput, Faults, check_known, nearest
 
 Transition = tuple[str, str, str]
 """From, to, and the condition, ``("apply", "hold", "v_s > v_hi")``."""
@@ -90,8 +90,7 @@ def _transition(
         raise BadInput(f"{name}: {given!r} is no transition; write (from, to, condition)") from None
     where = f"{name}: {here} -> {to}"
     for state, allowed in ((here, [*values, "*"]), (to, list(values))):
-        if state not in allowed:
-            raise BadInput(f"{where}: {state!r} is no state{nearest(str(state), allowed)}")
+        check_known(f"{where}:", state, allowed, " is no state")
     if here == to:
         raise BadInput(f"{where}: the transition leads back to its own state; leave it out")
     try:

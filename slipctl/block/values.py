@@ -12,7 +12,7 @@ import numpy as np
 from slipctl.block.fields import Fields
 from slipctl.block.signals import Signal
 from slipctl.block.text.named_expressions import evaluate, names_in, solve_order
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known, nearest
 
 
 class Values(Fields):
@@ -206,8 +206,7 @@ class Values(Fields):
                 f"{self.name}.{name} is shared as {shared}; write {shared}, or give it a number of"
                 f" its own first, with_params(**{{{name!r}: ...}})"
             )
-        if name not in self.params:
-            raise BadInput(f"{self.name} has no parameter {name!r}{nearest(name, self.params)}")
+        check_known(f"{self.name} has no parameter", name, self.params)
         signal = self.params[name]
         if signal.derived and name not in self.sharing.begun:
             raise BadInput(

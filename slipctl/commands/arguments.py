@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 from slipctl import __version__
 from slipctl.commands import examples
 from slipctl.commands.library import arguments as library
-from slipctl.commands.library.arguments import AS_JSON
+from slipctl.commands.library.arguments import AS_JSON, option
 from slipctl.errors import BadInput, nearest
 
 
@@ -58,56 +58,33 @@ def _no_options(p: Parser) -> None:
 
 def _add_changes(p: Parser) -> None:
     """Options of many runs that change each of them."""
-    p.add_argument(
-        "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
-        dest="settings", help="set a parameter or start value in every run",
-    )  # fmt: skip
-    p.add_argument(
-        "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
-        help="replace a model of the study",
-    )  # fmt: skip
+    option(p, "--set BLOCK.PARAM=VALUE[UNIT] ...", "set a parameter or start value in every run",
+           dest="settings")  # fmt: skip
+    option(p, "--swap NAME=FILE:BLOCK ...", "replace a model of the study", dest="swaps")
 
 
 def _add_effort(p: Parser) -> None:
     """Options of many runs that say what may compute them."""
-    p.add_argument(
-        "--jobs", metavar="N", type=int, help="number of parallel runs (default: all cores)"
-    )
-    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+    option(p, "--jobs N", "number of parallel runs (default: all cores)", type=int)
+    option(p, "--no-compile", "do not use a C compiler")
 
 
 def _run_options(p: Parser) -> None:
-    p.add_argument("--json", action="store_true", help="print metrics and claims as JSON")
+    option(p, "--json", "print metrics and claims as JSON")
     p.add_argument("study", metavar="STUDY")
-    p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/STUDY)")
-    p.add_argument(
-        "--set", metavar="[LOOP:]BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
-        dest="settings", help="set a parameter or start value, car.m=8.2t; '*.m=8t' sets every m",
-    )  # fmt: skip
-    p.add_argument(
-        "--swap", metavar="NAME=FILE:BLOCK", nargs="+", action="extend", default=[], dest="swaps",
-        help="replace a model of the study, adh=my.py:my_law or adh=my.toml:law",
-    )  # fmt: skip
-    p.add_argument(
-        "--loop", metavar="L", nargs="+", action="extend", default=[], dest="loops",
-        help="run only these loops",
-    )  # fmt: skip
-    p.add_argument(
-        "--scenario", metavar="S", nargs="+", action="extend", default=[], dest="scenarios",
-        help="run only these scenarios (default: base and real)",
-    )  # fmt: skip
-    p.add_argument(
-        "--full", action="store_true",
-        help="run all scenarios and experiments, on all cores; results that an interrupted run "
-        "has finished are kept",
-    )  # fmt: skip
-    p.add_argument(
-        "--jobs", metavar="N", type=int, help="number of parallel processes (default: all cores)"
-    )
-    p.add_argument(
-        "--quick", action="store_true", help="shorter and fewer runs, for tests of a study"
-    )
-    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+    option(p, "--out DIR", "folder of the results (default: out/STUDY)")
+    option(p, "--set [LOOP:]BLOCK.PARAM=VALUE[UNIT] ...", "set a parameter or start value,"
+           " car.m=8.2t; '*.m=8t' sets every m", dest="settings")  # fmt: skip
+    option(p, "--swap NAME=FILE:BLOCK ...", "replace a model of the study, adh=my.py:my_law or"
+           " adh=my.toml:law", dest="swaps")  # fmt: skip
+    option(p, "--loop L ...", "run only these loops", dest="loops")
+    option(p, "--scenario S ...", "run only these scenarios (default: base and real)",
+           dest="scenarios")  # fmt: skip
+    option(p, "--full", "run all scenarios and experiments, on all cores; results that an"
+           " interrupted run has finished are kept")  # fmt: skip
+    option(p, "--jobs N", "number of parallel processes (default: all cores)", type=int)
+    option(p, "--quick", "shorter and fewer runs, for tests of a study")
+    option(p, "--no-compile", "do not use a C compiler")
 
 
 def _sweep_options(p: Parser) -> None:
@@ -116,41 +93,22 @@ def _sweep_options(p: Parser) -> None:
         help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP; STUDY or FILE.toml alone takes all loops on"
         " the same draws",
     )  # fmt: skip
-    p.add_argument(
-        "--vary", metavar="P=LO:HI[:N]", nargs="+", action="extend", default=[], dest="varied",
-        help="P=lo:hi:n is a grid axis of n values, P=lo:hi a uniform draw; ends may have units",
-    )  # fmt: skip
-    p.add_argument(
-        "--samples", metavar="N", type=int, default=1,
-        help="number of draws, at each point of a grid where there is one (default: 1)",
-    )  # fmt: skip
-    p.add_argument(
-        "--seed", metavar="S", type=int, default=1, help="seed of the draws (default: 1)"
-    )
-    p.add_argument(
-        "--design", choices=("random", "sobol", "lhs"), default="random",
-        help="sampling method; a Latin hypercube (lhs) cannot be extended",
-    )  # fmt: skip
-    p.add_argument("--out", metavar="DIR", required=True, help="folder of the sweep")
-    p.add_argument(
-        "--export", metavar="FILE.nc",
-        help="also write metrics and logs of all runs as one netCDF file, or DIR.zarr",
-    )  # fmt: skip
-    p.add_argument(
-        "--scheduler", metavar="tcp://HOST:PORT",
-        help="compute on the workers of this Dask scheduler (extra dask); results are the same to"
-        " the bit",
-    )  # fmt: skip
-    p.add_argument(
-        "--mixed", action="store_true",
-        help="also use machines with another processor or mathematics library",
-    )  # fmt: skip
-    p.add_argument("--json", action="store_true", help=AS_JSON)
+    option(p, "--vary P=LO:HI[:N] ...", "P=lo:hi:n is a grid axis of n values, P=lo:hi a uniform"
+           " draw; ends may have units", dest="varied")  # fmt: skip
+    option(p, "--samples N", "number of draws, at each point of a grid where there is one"
+           " (default: 1)", type=int, default=1)  # fmt: skip
+    option(p, "--seed S", "seed of the draws (default: 1)", type=int, default=1)
+    option(p, "--design", "sampling method; a Latin hypercube (lhs) cannot be extended",
+           choices=("random", "sobol", "lhs"), default="random")  # fmt: skip
+    option(p, "--out DIR", "folder of the sweep", required=True)
+    option(p, "--export FILE.nc", "also write metrics and logs of all runs as one netCDF file, or"
+           " DIR.zarr")  # fmt: skip
+    option(p, "--scheduler tcp://HOST:PORT", "compute on the workers of this Dask scheduler (extra"
+           " dask); results are the same to the bit")  # fmt: skip
+    option(p, "--mixed", "also use machines with another processor or mathematics library")
+    option(p, "--json", AS_JSON)
     _add_changes(p)
-    p.add_argument(
-        "--log", metavar="SIGNAL", nargs="+", action="extend", default=[], dest="logs",
-        help="store these signals over time, for every run",
-    )  # fmt: skip
+    option(p, "--log SIGNAL ...", "store these signals over time, for every run", dest="logs")
     _add_effort(p)
 
 
@@ -158,44 +116,26 @@ def _tune_options(p: Parser) -> None:
     p.add_argument(
         "name", metavar="STUDY:LOOP", nargs="?", help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP"
     )
-    p.add_argument(
-        "--free", metavar="P=LO:HI", nargs="+", action="extend", default=[], dest="free",
-        help="parameters to search, each in its range; the limits may have units",
-    )  # fmt: skip
-    p.add_argument(
-        "--minimise", metavar="METRIC", nargs="+", action="extend", default=[], dest="objective",
-        help="a metric, or a weighted sum: 'distance + 0.001*torque_ripple'; several give a front",
-    )  # fmt: skip
-    p.add_argument(
-        "--subject-to", metavar="LIMIT", nargs="+", action="extend", default=[], dest="limits",
-        help="'torque_ripple<=8kN m' in every draw, 'slip_max@0.95<=2m/s' in 95 %% of them,"
-        " 'margin>=1.2' of the certificates, certified",
-    )  # fmt: skip
-    p.add_argument(
-        "--samples", metavar="N", type=int, default=20,
-        help="draws on which the search judges gains (default: 20)",
-    )  # fmt: skip
-    p.add_argument(
-        "--seed", metavar="S", type=int, default=1, help="seed of draws and search (default: 1)"
-    )
-    p.add_argument(
-        "--ensemble", metavar="FILE.toml",
-        help="file that says what varies from draw to draw (default: the study's declaration)",
-    )  # fmt: skip
-    p.add_argument(
-        "--held-out", metavar="N", type=int, default=200,
-        help="fresh draws on which the result is judged (default: 200)",
-    )  # fmt: skip
-    p.add_argument(
-        "--runs", metavar="N", type=int,
-        help="largest number of runs of the search (default: 250 per parameter and metric)",
-    )  # fmt: skip
-    p.add_argument(
-        "--prove", action="store_true",
-        help="state what 1375 fresh draws prove of 99 %% of all draws, with confidence 1 - 1e-6",
-    )  # fmt: skip
-    p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
-    p.add_argument("--json", action="store_true", help=AS_JSON)
+    option(p, "--free P=LO:HI ...", "parameters to search, each in its range; the limits may have"
+           " units")  # fmt: skip
+    option(p, "--minimise METRIC ...", "a metric, or a weighted sum: 'distance +"
+           " 0.001*torque_ripple'; several give a front", dest="objective")  # fmt: skip
+    option(p, "--subject-to LIMIT ...", "'torque_ripple<=8kN m' in every draw,"
+           " 'slip_max@0.95<=2m/s' in 95 %% of them, 'margin>=1.2' of the certificates, certified",
+           dest="limits")  # fmt: skip
+    option(p, "--samples N", "draws on which the search judges gains (default: 20)",
+           type=int, default=20)  # fmt: skip
+    option(p, "--seed S", "seed of draws and search (default: 1)", type=int, default=1)
+    option(p, "--ensemble FILE.toml", "file that says what varies from draw to draw (default: the"
+           " study's declaration)")  # fmt: skip
+    option(p, "--held-out N", "fresh draws on which the result is judged (default: 200)",
+           type=int, default=200)  # fmt: skip
+    option(p, "--runs N", "largest number of runs of the search (default: 250 per parameter and"
+           " metric)", type=int)  # fmt: skip
+    option(p, "--prove", "state what 1375 fresh draws prove of 99 %% of all draws, with confidence"
+           " 1 - 1e-6")  # fmt: skip
+    option(p, "--out DIR", "folder of the results", required=True)
+    option(p, "--json", AS_JSON)
     _add_changes(p)
     _add_effort(p)
 
@@ -205,44 +145,23 @@ def _replay_options(p: Parser) -> None:
         "log", metavar="LOG.csv",
         help="log with a header and one row per sample; or LOG.parquet, LOG.mf4",
     )  # fmt: skip
-    p.add_argument(
-        "--with", metavar="STUDY:LOOP.PART", required=True, dest="block",
-        help="block to run over the log: a part of a loop, a model, FILE:BLOCK or an equation",
-    )  # fmt: skip
-    p.add_argument(
-        "--map", metavar="INPUT=COLUMN[UNIT]", nargs="+", action="extend", default=[],
-        dest="mapped", help="column of each input; with arithmetic, omega='Speed[km/h] / r'",
-    )  # fmt: skip
-    p.add_argument(
-        "--beside", metavar="OUTPUT=COLUMN[UNIT]", nargs="+", action="extend", default=[],
-        help="recorded column that an output is compared with",
-    )  # fmt: skip
-    p.add_argument(
-        "--set", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
-        dest="settings", help="inputs without a column, parameters and start values",
-    )  # fmt: skip
-    p.add_argument(
-        "--time", metavar="COLUMN[UNIT]",
-        help="column of the time (default: the column with such a name)",
-    )  # fmt: skip
-    p.add_argument(
-        "--decimal", choices=(".", ","), help="decimal mark, where 1.234 may be read in two ways"
-    )
-    p.add_argument(
-        "--period", metavar="T",
-        help="sample time, 10ms (default: that of the block, else of the log)",
-    )  # fmt: skip
-    p.add_argument(
-        "--resample", choices=("hold", "linear"), default="hold",
-        help="resampling to ticks (default: hold, the last sample before the tick)",
-    )  # fmt: skip
-    p.add_argument(
-        "--gap", metavar="T",
-        help="interval between samples that counts as a gap, 0.2s (default: 5 usual intervals)",
-    )  # fmt: skip
-    p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
-    p.add_argument("--json", action="store_true", help=AS_JSON)
-    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+    option(p, "--with STUDY:LOOP.PART", "block to run over the log: a part of a loop, a model,"
+           " FILE:BLOCK or an equation", required=True, dest="block")  # fmt: skip
+    option(p, "--map INPUT=COLUMN[UNIT] ...", "column of each input; with arithmetic,"
+           " omega='Speed[km/h] / r'", dest="mapped")  # fmt: skip
+    option(p, "--beside OUTPUT=COLUMN[UNIT] ...", "recorded column that an output is compared with")
+    option(p, "--set NAME=VALUE[UNIT] ...", "inputs without a column, parameters and start values",
+           dest="settings")  # fmt: skip
+    option(p, "--time COLUMN[UNIT]", "column of the time (default: the column with such a name)")
+    option(p, "--decimal", "decimal mark, where 1.234 may be read in two ways", choices=(".", ","))
+    option(p, "--period T", "sample time, 10ms (default: that of the block, else of the log)")
+    option(p, "--resample", "resampling to ticks (default: hold, the last sample before the tick)",
+           choices=("hold", "linear"), default="hold")  # fmt: skip
+    option(p, "--gap T", "interval between samples that counts as a gap, 0.2s (default: 5 usual"
+           " intervals)")  # fmt: skip
+    option(p, "--out DIR", "folder of the results", required=True)
+    option(p, "--json", AS_JSON)
+    option(p, "--no-compile", "do not use a C compiler")
 
 
 def _compare_options(p: Parser) -> None:
@@ -250,7 +169,7 @@ def _compare_options(p: Parser) -> None:
         "folders", metavar="DIR", nargs="+",
         help="folder of a run, of a sweep, or of several sweeps",
     )  # fmt: skip
-    p.add_argument("--json", action="store_true", help=AS_JSON)
+    option(p, "--json", AS_JSON)
 
 
 def _fit_options(p: Parser) -> None:
@@ -258,156 +177,83 @@ def _fit_options(p: Parser) -> None:
         "curve", metavar="CURVE.csv", nargs="+",
         help="curve with a header and one row per point; for a flow, logs as for replay",
     )  # fmt: skip
-    p.add_argument(
-        "--law", metavar="NAME", required=True, help="a law or a flow of the models, or file:law"
-    )
-    p.add_argument(
-        "--set", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
-        dest="settings", help="known parameters, and inputs that do not vary, Q=106.7kN v=10m/s",
-    )  # fmt: skip
-    p.add_argument(
-        "--unknown", metavar="NAME,NAME",
-        help="parameters to fit (default: those that rail conditions set)",
-    )  # fmt: skip
-    p.add_argument(
-        "--start", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
-        dest="starts", help="start values of the search (default: the law's own values)",
-    )  # fmt: skip
-    p.add_argument(
-        "--ordered", action="store_true",
-        help="keep the order of parameters that the law expects, k_A >= k_S",
-    )  # fmt: skip
-    p.add_argument(
-        "--map", "--column", metavar="NAME=COLUMN[UNIT]", nargs="+", action="extend", default=[],
-        dest="mapped",
-        help="column of each signal, v=Speed[km/h]; with arithmetic, v_s='slip * v / 100'",
-    )  # fmt: skip
-    p.add_argument(
-        "--decimal", choices=(".", ","), help="decimal mark, where 1.234 may be read in two ways"
-    )
-    p.add_argument("--time", metavar="COLUMN[UNIT]", help="column of the time, as for replay")
-    p.add_argument(
-        "--gap", metavar="T",
-        help="interval between samples that counts as a gap, 0.2s (default: 5 usual intervals)",
-    )  # fmt: skip
-    p.add_argument(
-        "--between", metavar="FROM:TO",
-        help="use only this time span after the first sample, 12s:95s",
-    )  # fmt: skip
-    p.add_argument(
-        "--resample", choices=("hold", "linear"),
-        help="interpolation of inputs between samples (default: hold)",
-    )  # fmt: skip
-    p.add_argument("--delay", metavar="INPUT", help="also fit the dead time of this input")
-    p.add_argument("--out", metavar="DIR", required=True, help="folder of the results")
-    p.add_argument("--json", action="store_true", help=AS_JSON)
+    option(p, "--law NAME", "a law or a flow of the models, or file:law", required=True)
+    option(p, "--set NAME=VALUE[UNIT] ...", "known parameters, and inputs that do not vary,"
+           " Q=106.7kN v=10m/s", dest="settings")  # fmt: skip
+    option(p, "--unknown NAME,NAME", "parameters to fit (default: those that rail conditions set)")
+    option(p, "--start NAME=VALUE[UNIT] ...", "start values of the search (default: the law's own"
+           " values)", dest="starts")  # fmt: skip
+    option(p, "--ordered", "keep the order of parameters that the law expects, k_A >= k_S")
+    option(p, "--map|--column NAME=COLUMN[UNIT] ...", "column of each signal, v=Speed[km/h]; with"
+           " arithmetic, v_s='slip * v / 100'", dest="mapped")  # fmt: skip
+    option(p, "--decimal", "decimal mark, where 1.234 may be read in two ways", choices=(".", ","))
+    option(p, "--time COLUMN[UNIT]", "column of the time, as for replay")
+    option(p, "--gap T", "interval between samples that counts as a gap, 0.2s (default: 5 usual"
+           " intervals)")  # fmt: skip
+    option(p, "--between FROM:TO", "use only this time span after the first sample, 12s:95s")
+    option(p, "--resample", "interpolation of inputs between samples (default: hold)",
+           choices=("hold", "linear"))  # fmt: skip
+    option(p, "--delay INPUT", "also fit the dead time of this input")
+    option(p, "--out DIR", "folder of the results", required=True)
+    option(p, "--json", AS_JSON)
 
 
 def _c_options(p: Parser) -> None:
     p.add_argument("name", metavar="NAME")
-    p.add_argument("--out", metavar="DIR", required=True, help="folder of the C files")
-    p.add_argument("--json", action="store_true", help=AS_JSON)
-    p.add_argument("--check", action="store_true", help="compile it and compare it with Python")
-    p.add_argument(
-        "--real", choices=("double", "float"), default="double", help="type of every number in C"
-    )
-    p.add_argument(
-        "--target", metavar="host|cortex-m4|cortex-m7", default="host",
-        help="also compile it for this processor, and with --check run it there; separate two by "
-        "a comma",
-    )  # fmt: skip
-    p.add_argument(
-        "--clock", metavar="168MHz",
-        help="processor clock for which the load is reported (default: 25 MHz, that of the board)",
-    )  # fmt: skip
-    p.add_argument(
-        "--misra", action="store_true", help="count the findings of cppcheck and MISRA C:2012"
-    )
-    p.add_argument(
-        "--vectors", metavar="FILE.csv|search[:SECONDS]",
-        help="test it with these inputs, one row per tick, instead of those of a run; or search "
-        "for inputs that reach the branches which the test leaves out",
-    )  # fmt: skip
-    p.add_argument(
-        "--fuzz", metavar="SECONDS", type=int,
-        help="fuzz it for this time, by libFuzzer with sanitizers",
-    )  # fmt: skip
-    p.add_argument(
-        "--prove", action="store_true",
-        help="let Frama-C prove that no run-time error occurs and that values stay in their ranges",
-    )  # fmt: skip
+    option(p, "--out DIR", "folder of the C files", required=True)
+    option(p, "--json", AS_JSON)
+    option(p, "--check", "compile it and compare it with Python")
+    option(p, "--real", "type of every number in C", choices=("double", "float"), default="double")
+    option(p, "--target host|cortex-m4|cortex-m7", "also compile it for this processor, and with"
+           " --check run it there; separate two by a comma", default="host")  # fmt: skip
+    option(p, "--clock 168MHz", "processor clock for which the load is reported (default: 25 MHz,"
+           " that of the board)")  # fmt: skip
+    option(p, "--misra", "count the findings of cppcheck and MISRA C:2012")
+    option(p, "--vectors FILE.csv|search[:SECONDS]", "test it with these inputs, one row per tick,"
+           " instead of those of a run; or search for inputs that reach the branches which the"
+           " test leaves out")  # fmt: skip
+    option(p, "--fuzz SECONDS", "fuzz it for this time, by libFuzzer with sanitizers", type=int)
+    option(p, "--prove", "let Frama-C prove that no run-time error occurs and that values stay in"
+           " their ranges")  # fmt: skip
     _written_beside(p)
-    p.add_argument(
-        "--set", metavar="BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
-        dest="settings", help="set parameters of the loop, or FILE.toml with gains",
-    )  # fmt: skip
-    p.add_argument(
-        "--part", metavar="PART",
-        help="part of the loop to write instead of the controller, such as plant",
-    )  # fmt: skip
-    p.add_argument(
-        "--name", metavar="MODULE", dest="module",
-        help="name of its files and functions (default: that of the loop or block)",
-    )  # fmt: skip
+    option(p, "--set BLOCK.PARAM=VALUE[UNIT] ...", "set parameters of the loop, or FILE.toml with"
+           " gains", dest="settings")  # fmt: skip
+    option(p, "--part PART", "part of the loop to write instead of the controller, such as plant")
+    option(p, "--name MODULE", "name of its files and functions (default: that of the loop or"
+           " block)", dest="module")  # fmt: skip
 
 
 def _written_beside(p: Parser) -> None:
-    p.add_argument("--fmu", action="store_true", help="also write FMUs, by FMI 2.0 and 3.0")
-    p.add_argument(
-        "--platforms", metavar="linux64,win64",
-        help="platforms of the binaries in the FMUs (default: all for which a compiler is "
-        "installed)",
-    )  # fmt: skip
-    p.add_argument(
-        "--scaled", metavar="NAME=uint16:0.01m/s[:OFFSET]", nargs="+", action="extend", default=[],
-        help="inputs and outputs that the bus carries as integers of this type, resolution and "
-        "offset",
-    )  # fmt: skip
-    p.add_argument(
-        "--rates", action="store_true",
-        help="also write one step function for each rate of its parts, such as step_5ms",
-    )  # fmt: skip
-    p.add_argument(
-        "--counter", action="store_true",
-        help="also write a step that takes the tick number, and detects repeated and late calls",
-    )  # fmt: skip
-    p.add_argument("--const-section", metavar="SECTION", help="linker section of the tables")
-    p.add_argument(
-        "--calibration-section", metavar="SECTION",
-        help="also write an instance of the parameters, in this linker section",
-    )  # fmt: skip
-    p.add_argument(
-        "--byte-order", choices=("little", "big"), default="little",
-        help="byte order of the processor, for the A2L (default: little, as ARM and x86)",
-    )  # fmt: skip
-    p.add_argument(
-        "--xcp", action="store_true",
-        help="also write an XCP slave, and a program with it for the emulated board",
-    )  # fmt: skip
-    p.add_argument(
-        "--autosar", action="store_true",
-        help="also write a software component of AUTOSAR Classic around it, as C and ARXML",
-    )  # fmt: skip
+    option(p, "--fmu", "also write FMUs, by FMI 2.0 and 3.0")
+    option(p, "--platforms linux64,win64", "platforms of the binaries in the FMUs (default: all"
+           " for which a compiler is installed)")  # fmt: skip
+    option(p, "--scaled NAME=uint16:0.01m/s[:OFFSET] ...", "inputs and outputs that the bus"
+           " carries as integers of this type, resolution and offset")  # fmt: skip
+    option(p, "--rates", "also write one step function for each rate of its parts, such as"
+           " step_5ms")  # fmt: skip
+    option(p, "--counter", "also write a step that takes the tick number, and detects repeated and"
+           " late calls")  # fmt: skip
+    option(p, "--const-section SECTION", "linker section of the tables")
+    option(p, "--calibration-section SECTION", "also write an instance of the parameters, in this"
+           " linker section")  # fmt: skip
+    option(p, "--byte-order", "byte order of the processor, for the A2L (default: little, as ARM"
+           " and x86)", choices=("little", "big"), default="little")  # fmt: skip
+    option(p, "--xcp", "also write an XCP slave, and a program with it for the emulated board")
+    option(p, "--autosar", "also write a software component of AUTOSAR Classic around it, as C and"
+           " ARXML")  # fmt: skip
 
 
 def _pil_options(p: Parser) -> None:
     p.add_argument("name", metavar="STUDY:LOOP", help="or STUDY:LOOP@SCENARIO")
-    p.add_argument("--target", metavar="cortex-m4|cortex-m7", default="cortex-m4")
-    p.add_argument("--real", choices=("double", "float"), default="double")
-    p.add_argument(
-        "--clock", metavar="168MHz",
-        help="processor clock for which the load is reported (default: 25 MHz, that of the board)",
-    )  # fmt: skip
-    p.add_argument(
-        "--fault", metavar="TICK=WHAT", nargs="+", action="extend", default=[], dest="faults",
-        help="fault to inject into the frame of a tick: lost, late or broken",
-    )  # fmt: skip
-    p.add_argument(
-        "--seconds", metavar="S", type=float,
-        help="duration of the run (default: that of the scenario)",
-    )  # fmt: skip
-    p.add_argument("--out", metavar="FILE", help="write the comparison as JSON")
-    p.add_argument("--json", action="store_true", help=AS_JSON)
+    option(p, "--target cortex-m4|cortex-m7", default="cortex-m4")
+    option(p, "--real", choices=("double", "float"), default="double")
+    option(p, "--clock 168MHz", "processor clock for which the load is reported (default: 25 MHz,"
+           " that of the board)")  # fmt: skip
+    option(p, "--fault TICK=WHAT ...", "fault to inject into the frame of a tick: lost, late or"
+           " broken", dest="faults")  # fmt: skip
+    option(p, "--seconds S", "duration of the run (default: that of the scenario)", type=float)
+    option(p, "--out FILE", "write the comparison as JSON")
+    option(p, "--json", AS_JSON)
 
 
 def _certify_options(p: Parser) -> None:
@@ -416,42 +262,26 @@ def _certify_options(p: Parser) -> None:
         help="system such as super_twisting, or a study or one of its loops; none: list the "
         "systems",
     )  # fmt: skip
-    p.add_argument(
-        "--set", metavar="NAME=VALUE[UNIT]", nargs="+", action="extend", default=[],
-        dest="settings", help="gains and bounds of a system, k1=1.5 k2=1.1 L=1 in SI or in units;"
-        " parameters of a loop, as slipctl run has them, or FILE.toml with gains",
-    )  # fmt: skip
-    p.add_argument("--json", action="store_true", help=AS_JSON)
-    p.add_argument("--out", metavar="FILE", help="write the certificate, a file for slipctl check")
-    p.add_argument(
-        "--map", metavar="X[=LO:HI],Y[=LO:HI]",
-        help="map where two parameters are certified, refuted or undecided; --out is then a folder",
-    )  # fmt: skip
-    p.add_argument(
-        "--points", metavar="N", type=int, default=25,
-        help="points of the map along each axis (default: 25)",
-    )  # fmt: skip
-    p.add_argument(
-        "--metric", metavar="NAME", help="metric whose level lines are drawn into the map of a loop"
-    )
-    p.add_argument(
-        "--largest", metavar="NAME",
-        help="find the largest certified and the smallest refuted value of a parameter, such as "
-        "lag; --out is then a folder",
-    )  # fmt: skip
-    p.add_argument(
-        "--smallest", metavar="NAME",
-        help="find the smallest certified and the largest refuted value of a parameter",
-    )  # fmt: skip
+    option(p, "--set NAME=VALUE[UNIT] ...", "gains and bounds of a system, k1=1.5 k2=1.1 L=1 in SI"
+           " or in units; parameters of a loop, as slipctl run has them, or FILE.toml with gains",
+           dest="settings")  # fmt: skip
+    option(p, "--json", AS_JSON)
+    option(p, "--out FILE", "write the certificate, a file for slipctl check")
+    option(p, "--map X[=LO:HI],Y[=LO:HI]", "map where two parameters are certified, refuted or"
+           " undecided; --out is then a folder")  # fmt: skip
+    option(p, "--points N", "points of the map along each axis (default: 25)", type=int, default=25)
+    option(p, "--metric NAME", "metric whose level lines are drawn into the map of a loop")
+    option(p, "--largest NAME", "find the largest certified and the smallest refuted value of a"
+           " parameter, such as lag; --out is then a folder")  # fmt: skip
+    option(p, "--smallest NAME", "find the smallest certified and the largest refuted value of a"
+           " parameter")  # fmt: skip
 
 
 def _check_options(p: Parser) -> None:
     p.add_argument("file", metavar="FILE")
-    p.add_argument("--json", action="store_true", help=AS_JSON)
-    p.add_argument(
-        "--rerun", metavar="N", type=int,
-        help="run N draws of a statement again, from the study or file that the statement names",
-    )  # fmt: skip
+    option(p, "--json", AS_JSON)
+    option(p, "--rerun N", "run N draws of a statement again, from the study or file that the"
+           " statement names", type=int)  # fmt: skip
 
 
 COMMANDS: dict[str, tuple[str, Callable[[Parser], None]]] = {

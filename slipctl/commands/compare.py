@@ -260,7 +260,7 @@ def text(
     )]  # fmt: skip
     rows = [["changed", "unit", *letters]]
     rows += [[c["what"], c["unit"], *c["values"]] for c in changed[:LISTED]]
-    parts.append(_table(rows) if changed else "only metrics differ")
+    parts.append(wrap_table(rows) if changed else "only metrics differ")
     if len(changed) > LISTED:
         parts[-1] += f"\n{len(changed) - LISTED} more; --json has all"
     return "\n\n".join([*parts, *metric_tables(letters, tables)])
@@ -283,14 +283,14 @@ def metric_tables(
         if len(names) == 2:
             rows = [[title, "unit", *names, *apart]]
             rows += [[r["metric"], r["unit"], *_cells(r), *_apart_cells(r, swept)] for r in metrics]
-            parts.append(_table(rows))
+            parts.append(wrap_table(rows))
             continue
         rows = [[title, "unit", *names]]
-        parts.append(_table(rows + [[r["metric"], r["unit"], *_cells(r)] for r in metrics]))
+        parts.append(wrap_table(rows + [[r["metric"], r["unit"], *_cells(r)] for r in metrics]))
         rows = [["difference", "unit", *apart]]
         rows += [[r["metric"], r["unit"], *_apart_cells(r, swept)] for r in metrics
                  if _differs(r)]  # fmt: skip
-        parts.append(_table(rows))
+        parts.append(wrap_table(rows))
     if swept:
         parts.append("median (5 % .. 95 %); " + (
             "differences are of runs on the same draws, * where 95 % of them have one sign"
@@ -340,7 +340,3 @@ def _signed(value: float | None) -> str:
     if value is not None and np.isinf(value):
         return "+inf" if value > 0 else "-inf"
     return ("+" if value is not None and value > 0 else "") + number(value)
-
-
-def _table(rows: Sequence[Sequence[str]]) -> str:
-    return wrap_table(rows, [max(len(r[k]) for r in rows) for k in range(len(rows[0]))])

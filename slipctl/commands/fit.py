@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import logging
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +18,7 @@ from slipctl.draw import plots
 from slipctl.errors import BadInput
 from slipctl.estimate.curve_fit import Fitted, fit
 from slipctl.run import store
+from slipctl.run.logs.recorded_log import csv_of
 from slipctl.study import resolve
 from slipctl.study.report.texts import number, wrap_table
 
@@ -192,11 +191,7 @@ def residuals_text(found: Fitted) -> str:
         f"fitted [{y.unit}]": curve.measured - found.residuals,
         f"residual [{y.unit}]": found.residuals,
     }
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([f"{v:.10g}" for v in row] for row in zip(*columns.values(), strict=True))
-    return text.getvalue()
+    return csv_of(columns)
 
 
 def figure(found: Fitted, title: str = "") -> plots.Figure:
@@ -243,7 +238,6 @@ def report(found: Fitted, folder: Path) -> str:
         note = f" (= {found.tied[n]})" if n in found.tied else ""
         rows.append([n + note, number(v), number(found.std[n], 2), said, law.params[n].unit,
                      law.params[n].doc])  # fmt: skip
-    widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
     unit = law.outputs[found.curve.output].unit
     tail = "" if unit == "1" else f" {unit}"
     model = folder / MODEL
@@ -253,7 +247,6 @@ def report(found: Fitted, folder: Path) -> str:
     for n, origin in found.origin.items():
         at = float(found.curve.inputs[n][0]) if n in law.inputs else float(values[n])
         known.append([n, number(at), {**law.inputs, **law.params}[n].unit, origin])
-    spans = [max(len(r[k]) for r in known) for k in range(4)]
     along, y = law.inputs[found.curve.abscissa], law.outputs[found.curve.output]
     peaks = "".join(
         f"peak {y.name} = {number(height)}{tail} at {along.name} = {number(place)} {along.unit}"
@@ -263,7 +256,7 @@ def report(found: Fitted, folder: Path) -> str:
     )
     return (
         f"{law.name} fitted to {found.curve.source}, {found.curve.measured.size} points\n\n"
-        f"{wrap_table(rows, widths)}\n\n{wrap_table(known, spans)}\n\n{peaks}{left_out}"
+        f"{wrap_table(rows)}\n\n{wrap_table(known)}\n\n{peaks}{left_out}"
         f"largest error {found.max_error:.3g}{tail}, rms {found.rms:.3g}{tail}\n\n"
         f"{folder / 'fit.json'}\n{folder / 'fit.png'}\n{folder / 'residuals.csv'}\n"
         f"{model}: slipctl show {model}:law"

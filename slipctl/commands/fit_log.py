@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -24,7 +22,7 @@ from slipctl.estimate.log_fit.flow_fit import fit_over_time
 from slipctl.estimate.log_fit.record import DEAD, FittedOverTime, Record, origin
 from slipctl.run import store
 from slipctl.run.logs.log_signals import Source, good_samples, of_inputs, of_results, resample_at
-from slipctl.run.logs.recorded_log import Recording, read_recording
+from slipctl.run.logs.recorded_log import Recording, csv_of, read_recording
 from slipctl.study import resolve
 from slipctl.study.report.texts import number, wrap_table
 
@@ -223,15 +221,16 @@ def payload(found: FittedOverTime, law: str, notes: Sequence[str], command: str)
 def residuals_text(found: FittedOverTime) -> str:
     """Samples, fitted values and residuals as CSV; a stretch is one without a gap."""
     unit = {**found.flow.states, **found.flow.outputs}[found.output].unit
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["stretch", "time [s]", f"{found.output} [{unit}]", f"fitted [{unit}]",
-                     f"residual [{unit}]"])  # fmt: skip
-    for k, p in enumerate(found.pieces, 1):
-        good = np.isfinite(p.measured)
-        rows = zip(p.time[good], p.measured[good], p.fitted[good], p.residual[good], strict=True)
-        writer.writerows([k, *(f"{v:.10g}" for v in row)] for row in rows)
-    return text.getvalue()
+    every = [(np.full(len(p.time), k), p.time, p.measured, p.fitted, p.residual)
+             for k, p in enumerate(found.pieces, 1)]  # fmt: skip
+    columns = [np.concatenate(c) for c in zip(*every, strict=True)]
+    names = (
+        "stretch",
+        "time [s]",
+        *(f"{n} [{unit}]" for n in (found.output, "fitted", "residual")),
+    )
+    good = np.isfinite(columns[2])
+    return csv_of({n: c[good] for n, c in zip(names, columns, strict=True)})
 
 
 def figure(found: FittedOverTime) -> plots.Figure:
@@ -260,7 +259,6 @@ def report(found: FittedOverTime, folder: Path, keys: Mapping[str, str]) -> str:
         said = "{:.4g} .. {:.4g}".format(*found.interval[n])
         doc = f"of {found.delayed}" if n == DEAD else found.flow.params[n].doc
         rows.append([n, number(v), number(found.std[n], 2), said, found.unit(n), doc])
-    widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
     unit = {**found.flow.states, **found.flow.outputs}[found.output].unit
     of = ", ".join(found.sources)
     tail = f"\n\n{store.text_of(folder / KEYS_FILE).rstrip()}" if keys else ""
@@ -268,7 +266,7 @@ def report(found: FittedOverTime, folder: Path, keys: Mapping[str, str]) -> str:
     return (
         f"{found.flow.name} fitted to {of}, {found.residuals.size} samples of {found.output}"
         f" in {len(found.pieces)} stretch{'es' * (len(found.pieces) > 1)}\n\n"
-        f"{wrap_table(rows, widths)}\n\n"
+        f"{wrap_table(rows)}\n\n"
         f"largest error {found.max_error:.3g} {unit}, rms {found.rms:.3g} {unit}{tail}\n\n"
         + "\n".join(str(folder / f) for f in files)
     )

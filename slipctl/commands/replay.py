@@ -168,8 +168,7 @@ def text(found: Replayed, rows: Sequence[Sequence[str]], options: argparse.Names
     if not rows:
         return f"{head}\nno output was compared; --beside OUTPUT=COLUMN compares one"
     every = [list(HEAD), *rows]
-    widths = [max(len(r[k]) for r in every) for k in range(len(HEAD))]
-    return f"{head}\n\n{wrap_table(every, widths)}"
+    return f"{head}\n\n{wrap_table(every)}"
 
 
 def page(

@@ -226,7 +226,6 @@ def report(found: Sweep) -> str:
         rows.append([name, unit, *cells, str(never) if never else ""])
     if not any(row[-1] for row in rows[1:]):
         rows = [row[:-1] for row in rows]
-    widths = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
     tail = f"{found.folder}: slipctl.open_sweep({str(found.folder)!r}) has each run"
     note = ["", NEVER] if rows[0][-1] == "never" else []
-    return "\n".join([*head, "", wrap_table(rows, widths), *note, "", tail])
+    return "\n".join([*head, "", wrap_table(rows), *note, "", tail])

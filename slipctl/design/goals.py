@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slipctl.block.units.unit_algebra import parse_quantity
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known, nearest
 from slipctl.run.metrics import METRICS, Metric
 
 TERM = re.compile(
@@ -69,8 +69,7 @@ def read_objective(text: str) -> Objective:
     if not terms:
         raise BadInput("--minimise names no metric; write one, such as distance")
     for _, name in terms:
-        if name not in METRICS:
-            raise BadInput(f"there is no metric {name!r} to minimise{nearest(name, METRICS)}")
+        check_known("there is no metric", name, METRICS, " to minimise")
     return Objective(text.strip(), tuple(terms))
 
 

@@ -25,7 +25,7 @@ from slipctl.certify.promise import CERTIFIED, REFUTED, UNDECIDED, System, exact
 from slipctl.design.gain_points import Asked
 from slipctl.design.levels import Levels
 from slipctl.design.promises import with_margin
-from slipctl.errors import BadInput, check_whole, nearest
+from slipctl.errors import BadInput, check_known, check_whole
 from slipctl.run import store
 from slipctl.seek.population import Box
 from slipctl.study.jobs import Cores, run_jobs
@@ -119,9 +119,7 @@ def read_axes(text: str, system: System, numbers: Mapping[str, Fraction]) -> tup
     found: list[Axis] = []
     for part in text.split(","):
         name, equals, ends = (p.strip() for p in part.partition("="))
-        if name not in system.numbers:
-            raise BadInput(f"--map {text}: {system.name} has no {name!r}"
-                           f"{nearest(name, system.numbers)}")  # fmt: skip
+        check_known(f"--map {text}: {system.name} has no", name, system.numbers)
         unit = system.numbers[name].unit
         if equals:
             pair = ends.split(":")

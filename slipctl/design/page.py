@@ -141,19 +141,17 @@ def text(found: Tuned) -> str:
         f"{search.thought} candidates, {refused} refused by a certificate before any run,"
         f" {search.spent} runs on {search.samples} draws"
     )
-    front = [_table(front_rows(found)), KNEE] if found.front else []
+    front = [wrap_table(front_rows(found)), KNEE] if found.front else []
     gradient = [found.polished.text()] if found.polished else []
-    blocks = [", ".join(wide), "\n".join([counted, *gradient]), *front, _table(gains_rows(found)),
-              _table(judged_rows(found)), "\n".join(differences(found))]  # fmt: skip
+    blocks = [
+        ", ".join(wide), "\n".join([counted, *gradient]), *front, wrap_table(gains_rows(found)),
+        wrap_table(judged_rows(found)), "\n".join(differences(found)),
+    ]  # fmt: skip
     if found.promises.gains:
-        blocks.append(_table(promise_rows(found)))
+        blocks.append(wrap_table(promise_rows(found)))
     if found.statement is not None:
         blocks += statement.lines(found.statement)
     return "\n\n".join(blocks)
-
-
-def _table(rows: Rows) -> str:
-    return wrap_table(rows, [max(len(r[k]) for r in rows) for k in range(len(rows[0]))])
 
 
 # ---- pictures ------------------------------------------------------------------------------------

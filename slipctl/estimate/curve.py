@@ -12,7 +12,7 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.block.units.unit_algebra import dimension_equal, factor, parse_quantity, unit
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known
 from slipctl.estimate.heads import python_name, read_heads
 from slipctl.tables.columns import expression_of, identifier_of, unit_of_column
 from slipctl.tables.heads import is_unit
@@ -85,9 +85,7 @@ def parameters_of_columns(
 def quantity(law: Block, name: str, value: Any, where: str = "") -> float:
     """Value of an input or parameter, from a number in its unit or a text with a unit."""
     signals = {**law.law_data.beside, **law.inputs, **law.params}
-    if name not in signals:
-        raise BadInput(f"{where}{law.name} has no input or parameter {name!r}"
-                       f"{nearest(name, signals)}")  # fmt: skip
+    check_known(f"{where}{law.name} has no input or parameter", name, signals)
     if name in law.params:
         law._settable(name)
     s, where = signals[name], f"{where}{law.name}.{name}"
@@ -103,8 +101,7 @@ def points(
     data = Columns(table)
     signals = {**law.inputs, output: law.outputs[output]}
     for n in columns:
-        if n not in signals:
-            raise BadInput(f"columns has {n!r}{nearest(n, signals)}")
+        check_known("columns has", n, signals)
     columns, told = _expressions(table, data, signals, columns)
     names, units = list(data.units), data.units
     given: dict[str, Any] = {n: float(v) for n, v in law.param_values().items()}

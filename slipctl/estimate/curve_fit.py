@@ -16,7 +16,7 @@ import numpy as np
 from slipctl import registry
 from slipctl.block.block import Block
 from slipctl.block.reach import measured_reach, with_reach
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known
 from slipctl.estimate.curve import Curve, parameters_of_columns, points, quantity, settings
 from slipctl.estimate.model import (
     known_parameters,
@@ -154,8 +154,7 @@ def fit(
     law = law.with_params(**{n: v for n, v in (told | known).items() if n in law.params})
     origin = _origins(law, source, told, given, followed, unknown)
     for n, v in (start or {}).items():
-        if n not in unknown:
-            raise BadInput(f"start has {n!r}{nearest(n, unknown)}")
+        check_known("start has", n, unknown)
         law = law.with_params(**{n: quantity(law, n, v)})
     curve, said = points(law, source, table, known, columns or {}, output, unknown)
     said = [*(f"{source}: {n}" for n in getattr(table, "notes", ())), *said]

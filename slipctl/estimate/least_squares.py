@@ -18,7 +18,7 @@ import casadi as ca
 
 from slipctl.block.block import Block, Exprs, as_block, make_block
 from slipctl.block.signals import Param, State
-from slipctl.errors import BadInput, check_positive, check_whole, nearest
+from slipctl.errors import BadInput, check_known, check_positive, check_whole
 from slipctl.estimate.model import (
     Model,
     covariance_state,
@@ -91,8 +91,7 @@ def rls(
             back, or a number that is no parameter.
     """
     as_block("rls: the law", law)
-    if form not in FORMS:
-        raise BadInput(f"rls has no form {form!r}{nearest(form, FORMS)}")
+    check_known("rls has no form", form, FORMS)
     check_positive(f"rls({law.name}): period", period, "s")
     for word, count in (("window", window), ("iterations", iterations), ("memory", memory)):
         check_whole(f"rls({law.name}): {word}", count)

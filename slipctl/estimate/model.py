@@ -16,7 +16,7 @@ from slipctl.block.block import Block, Exprs
 from slipctl.block.signals import Output, Param, Signal, State
 from slipctl.block.text.intermediates import collect_locals, with_locals
 from slipctl.block.text.named_expressions import evaluate, names_in
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known, nearest
 
 
 @dataclass(frozen=True)
@@ -183,8 +183,7 @@ def measured_output(law: Block, measured: str | None) -> str:
         if len(law.outputs) != 1:
             raise BadInput(f"{law.name}: say which output is measured{nearest('', law.outputs)}")
         return next(iter(law.outputs))
-    if measured not in law.outputs:
-        raise BadInput(f"{law.name} has no output {measured!r}{nearest(measured, law.outputs)}")
+    check_known(f"{law.name} has no output", measured, law.outputs)
     return measured
 
 
@@ -193,8 +192,7 @@ def unknown_parameters(law: Block, unknown: Sequence[str] | None) -> tuple[str, 
     if unknown is None:
         unknown = [n for n, s in law.params.items() if not s.derived and s.shape == ()]
     for n in unknown:
-        if n not in law.params:
-            raise BadInput(f"{law.name} has no parameter {n!r}{nearest(n, law.params)}")
+        check_known(f"{law.name} has no parameter", n, law.params)
         if law.params[n].derived or law.params[n].shape != ():
             raise BadInput(f"{law.name}.{n} is derived or no scalar and cannot be estimated")
     if not unknown:

@@ -18,7 +18,7 @@ import numpy as np
 
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Input, Output, Param, Signal, State
-from slipctl.errors import BadInput, check_finite, check_positive, nearest
+from slipctl.errors import BadInput, check_finite, check_known, check_positive, nearest
 from slipctl.estimate.model import (
     known_parameters,
     measured_output,
@@ -286,7 +286,6 @@ def _deviation(g: np.ndarray, root: np.ndarray) -> float:
 
 
 def _scalar_input(law: Block, over: str, who: str) -> None:
-    if over not in law.inputs:
-        raise BadInput(f"{who}: {law.name} has no input {over!r}{nearest(over, law.inputs)}")
+    check_known(f"{who}: {law.name} has no input", over, law.inputs)
     if any(s.shape != () for s in law.inputs.values()):
         raise BadInput(f"{who}: {law.name} has inputs that are no scalars")

@@ -10,7 +10,7 @@ import casadi as ca
 
 from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
 from slipctl.block.signals import Input, Output, Param, Signal, State
-from slipctl.errors import BadInput, check_number, check_positive, check_whole, nearest
+from slipctl.errors import BadInput, check_known, check_number, check_positive, check_whole, nearest
 from slipctl.estimate.kalman.model import Numbers, Problem, by_name, start_value, unit_squared
 from slipctl.predict import description
 from slipctl.predict.options.limits import FAR, entries_of
@@ -145,8 +145,7 @@ def _late(who: str, problem: Problem, late: str | Sequence[str]) -> list[str]:
     names = [late] if isinstance(late, str) or not isinstance(late, Iterable) else list(late)
     seen = [s.name for s in problem.measured]
     for n in names:
-        if n not in seen:
-            raise BadInput(f"{who}: late = {n!r}, which is not measured{nearest(str(n), seen)}")
+        check_known(f"{who}: late =", n, seen, ", which is not measured")
     return names
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.transforms.discretisation import sampled
-from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.errors import BadInput, RunFailed, check_known
 from slipctl.run import build
 
 ROUNDING = 1e-9
@@ -107,8 +107,7 @@ def feasibility(
     """
     where = f"feasibility({controller.name})"
     for n in ranges:
-        if n not in controller.inputs:
-            raise BadInput(f"{where}: {n!r} is no input{nearest(n, controller.inputs)}")
+        check_known(f"{where}:", n, controller.inputs, " is no input")
     missing = [n for n, s in controller.inputs.items() if n not in ranges and s.value is None]
     if missing:
         raise BadInput(f"{where}: give ranges={{{missing[0]!r}: (lo, hi)}}")

@@ -12,7 +12,7 @@ from slipctl.block.block import Block
 from slipctl.block.shared_numbers import number_at, targets, warnings_of_places
 from slipctl.block.transforms.discretisation import check_sample_times
 from slipctl.block.units import unit_algebra
-from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.errors import BadInput, RunFailed, check_known, nearest
 from slipctl.run import store
 from slipctl.run.logs.run_log import Log
 from slipctl.run.preparation import Prepared, first_tick
@@ -99,10 +99,7 @@ def read_swaps(study: Study, texts: Sequence[str]) -> dict[str, Any]:
                 f"{study.name} has no models that --swap replaces; a study of your own may swap any"
                 " part of its loops, see docs/all_rails.md, 'Rails of your own'"
             )
-        if name not in study.models:
-            raise BadInput(
-                f"{study.name} has no model {name!r} to swap{nearest(name, study.models)}"
-            )
+        check_known(f"{study.name} has no model", name, study.models, " to swap")
         if is_written(source):
             swapped[name] = load_written(source)
             continue
@@ -210,12 +207,10 @@ def _select(
 ) -> list[Case]:
     known = [c.scenario.name for c in cases]
     for s in scenarios:
-        if s not in known:
-            raise BadInput(f"{study.name} has no scenario {s!r}{nearest(s, known)}")
+        check_known(f"{study.name} has no scenario", s, known)
     names = list(dict.fromkeys(n for c in cases for n in c.loops))
     for name in loops:
-        if name not in names:
-            raise BadInput(f"{study.name} has no loop {name!r}{nearest(name, names)}")
+        check_known(f"{study.name} has no loop", name, names)
     kept = [c for c in cases if not scenarios or c.scenario.name in scenarios]
     if loops:
         kept = [replace(c, loops={n: c.loops[n] for n in c.loops if n in loops}) for c in kept]

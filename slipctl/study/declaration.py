@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from slipctl import registry
-from slipctl.errors import BadInput, check_kinds, nearest
+from slipctl.errors import BadInput, check_kinds, check_known
 from slipctl.run.metrics import METRICS
 from slipctl.run.results import Case, NotRun, Results, Table
 from slipctl.run.roles import Signals
@@ -377,8 +377,7 @@ class Study:
     def __post_init__(self) -> None:
         check_kinds("Study", Study, vars(self))
         for name in self.limits:
-            if name not in METRICS:
-                raise BadInput(f"study {self.name}: a limit of {name!r}{nearest(name, METRICS)}")
+            check_known(f"study {self.name}: a limit of", name, METRICS)
         seen: set[str] = set()
         for c in self.claims:
             if c.id in seen:

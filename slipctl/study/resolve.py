@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from slipctl import registry
 from slipctl.block.portable import FILE
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known, nearest
 from slipctl.study.failures import blame, short
 from slipctl.study.files import equation_files, trip_files
 
@@ -263,8 +263,7 @@ def load_block(name: str) -> Block:
     known = models()
     if "." in name:
         module, _, block = name.rpartition(".")
-        if module not in known:
-            raise BadInput(f"there is no model file {module!r}{nearest(module, known)}")
+        check_known("there is no model file", module, known)
         return find_block(_import("models", module), block, module)
     hits = [module for module, (_, blocks) in known.items() if name in blocks]
     if len(hits) == 1:

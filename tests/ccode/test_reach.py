@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench import reach
+from bench.c_folders import reach
 from slipctl import Input, Output, Param, State, step
 from slipctl.ccode import codegen
 from slipctl.ccode.check import coverage, float_error

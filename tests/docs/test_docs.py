@@ -16,6 +16,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from scripts import script
 
 import slipctl
 from slipctl.study import case_setup, execution
@@ -140,36 +141,36 @@ def test_tutorial_runs(tmp_path, needs_compiler):
 # ---- the reference and the floors ----------------------------------------------------------------
 
 
-@pytest.mark.second
-def test_api_reference_is_fresh():
-    command = [sys.executable, str(DOCS / "make_api.py"), "--check"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
-    assert done.returncode == 0, done.stdout + done.stderr
+@pytest.mark.parametrize(
+    ("tool", "page", "made"),
+    [
+        pytest.param("make_api", "api.md", "page", marks=pytest.mark.second),
+        ("make_claims", "claims.md", "page"), ("make_controllers", "c_controllers.md", "page"),
+        ("make_failures", "failures.md", "page"), ("make_reference", "commands.md", "commands"),
+        ("make_reference", "metrics.md", "metrics"),
+        ("make_reference", "file_keys.md", "file_keys"),
+        ("make_wrong_samples", "c_interface.md", "page"),
+    ],
+)  # fmt: skip
+def test_a_page_that_is_made_is_fresh(tool, page, made):
+    """From the code, the studies or the evidence that it tells of."""
+    text = (DOCS / page).read_text(encoding="utf-8")
+    assert getattr(script(tool), made)() == text, f"run: python docs/tools/{tool}.py"
 
 
-def test_pages_of_commands_and_metrics_are_fresh():
-    command = [sys.executable, str(DOCS / "make_reference.py"), "--check"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
-def test_page_of_the_controllers_in_c_is_that_of_its_evidence():
-    command = [sys.executable, str(DOCS / "make_controllers.py"), "--check"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
-    assert done.returncode == 0, done.stdout + done.stderr
+def test_rows_of_wrong_samples_count_what_was_slow():
+    fault = dict(own=0.2, alike=None, allowed=0.1, missed=0, locks=False, ticks=10, told=10)
+    found = {"faults": 9, "slow": [fault, fault | {"own": 0.1}, fault | {"alike": 0.05}]}
+    rows = script("make_wrong_samples").rows({"a:b": found})
+    assert rows == "| `a:b` | 9 | 6 | 2 | 0 | 1 | 0 | 1 |\n"
 
 
 # ---- rooms ---------------------------------------------------------------------------------------
 
 
-@cache
 def rooms() -> ModuleType:
-    """docs/make_rooms.py: floors as docs/architecture.md says, imports as the code has them."""
-    sys.path.insert(0, str(DOCS))
-    spec = importlib.util.spec_from_file_location("make_rooms", DOCS / "make_rooms.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    """Floors as docs/architecture.md says, imports as the code has them."""
+    return script("make_rooms")
 
 
 def test_each_room_has_a_floor():
@@ -214,9 +215,9 @@ def test_each_room_says_its_question_and_nothing_else():
 
 @pytest.mark.second
 def test_picture_of_the_rooms_is_that_of_the_imports():
-    command = [sys.executable, str(DOCS / "make_rooms.py"), "--check"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
-    assert done.returncode == 0, done.stdout + done.stderr
+    picture = rooms().picture(rooms().table(), rooms().imports())
+    fresh = rooms().PICTURE.read_text(encoding="utf-8") == picture
+    assert fresh, "run: python docs/tools/make_rooms.py"
 
 
 LONG = re.compile(r"^\| `([\w/.]+\.py)` \| (\d+) \|", re.M)
@@ -299,17 +300,15 @@ def results(tmp_path_factory) -> Path:
 
 @pytest.mark.long
 def test_tables_of_metrics_are_what_the_study_gives(results):
-    spec = importlib.util.spec_from_file_location("make_tables", DOCS / "make_tables.py")
-    maker = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(maker)
+    maker = script("make_tables")
     page = (DOCS / "subway_braking.md").read_text(encoding="utf-8")
     new = maker.filled(page, results, ("metrics",))
     before, after = tables(page), tables(new)
     assert [k for k, _ in before] == [k for k, _ in after]
     for (kind, old), (_, fresh) in zip(before, after, strict=True):
-        assert len(cells(old)) == len(cells(fresh)), f"{kind}: run docs/make_tables.py"
+        assert len(cells(old)) == len(cells(fresh)), f"{kind}: run docs/tools/make_tables.py"
         for a, b in zip(cells(old), cells(fresh), strict=True):
-            assert close(a, b), f"{kind}: {a} is {b} now; run docs/make_tables.py"
+            assert close(a, b), f"{kind}: {a} is {b} now; run docs/tools/make_tables.py"
 
 
 @pytest.mark.parametrize(
@@ -318,9 +317,7 @@ def test_tables_of_metrics_are_what_the_study_gives(results):
      (["all_rails", "--results", "/nowhere"], "cannot read /nowhere")],
 )  # fmt: skip
 def test_tables_refuse_what_they_do_not_know_in_a_line(arguments, said, capsys):
-    spec = importlib.util.spec_from_file_location("make_tables", DOCS / "make_tables.py")
-    maker = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(maker)
+    maker = script("make_tables")
     with pytest.raises(SystemExit) as ended:
         maker.main(arguments)
     told = capsys.readouterr().err
@@ -334,7 +331,7 @@ def test_page_of_the_study_has_every_claim_and_scenario(name):
     page = (DOCS / f"{name}.md").read_text(encoding="utf-8")
     study = load_study(name)
     for claim in study.claims:
-        assert claim.claim in page, f"{claim.id}: run docs/make_tables.py"
+        assert claim.claim in page, f"{claim.id}: run docs/tools/make_tables.py"
     named = set(re.findall(r"`(\w+)`", page))
     for case in study.cases(study.models, False):
         assert {case.scenario.name, *case.loops} <= named

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
-import sys
 from pathlib import Path
 
 import pytest
+from scripts import script
 
 ROOT = Path(__file__).parents[2]
-SPEC = importlib.util.spec_from_file_location("measure_house", ROOT / "docs" / "measure_house.py")
-assert SPEC is not None
-house = sys.modules["measure_house"] = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(house)
+house = script("measure_house")
 
 REACHED = {
     "most files side by side", "public functions whose names say nothing",

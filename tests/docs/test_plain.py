@@ -3,32 +3,20 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
 import re
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 
 import pytest
+from scripts import script
 
 ROOT = Path(__file__).parents[2]
 WORDS = ROOT / "docs" / "words.txt"
 
 
-def script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("plain", ROOT / "docs" / "plain.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["plain"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-plain = script()
+plain = script("plain")
 
 COUNTED = """# A heading is not a sentence. Nor is this.
 

@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
-import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
+from scripts import script
 
 from slipctl.study import resolve
 
 pytestmark = pytest.mark.second
 
 DOCS = Path(__file__).parents[2] / "docs"
-
-
-def module(name: str) -> Any:
-    """A script of the docs."""
-    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    if str(DOCS) not in sys.path:
-        sys.path.append(str(DOCS))  # scripts import each other
-    made = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(made)
-    return made
 
 
 def test_every_page_stands_once_in_the_index():
@@ -72,7 +58,7 @@ def test_each_how_to_is_at_most_two_clicks_from_the_first_page():
 
 def test_pages_of_several_versions_stand_side_by_side(tmp_path):
     """The newest first, by number and not by letter; the first page leads to it."""
-    made = module("make_site")
+    made = script("make_site")
     for version in ("0.9.0", "0.10.0", "0.1.2"):
         (tmp_path / version).mkdir()
         (tmp_path / version / "index.html").write_text("a page", encoding="utf-8")
@@ -87,7 +73,7 @@ def test_pages_of_several_versions_stand_side_by_side(tmp_path):
 
 def test_words_of_the_glossary_are_found_once_and_whole():
     """The longest word that begins first; no part of another word."""
-    words = module("glossary_words")
+    words = script("glossary_words")
     left = words.entries()
     assert words.linked("a stopping distance, and a slip ratio", left) == (
         2, 19, "term-stopping-distance"
@@ -98,7 +84,7 @@ def test_words_of_the_glossary_are_found_once_and_whole():
 
 def test_a_first_use_without_a_link_to_the_glossary_is_seen():
     """In prose alone: a heading, code, a table or another page's name may have the word before."""
-    check = module("check_site")
+    check = script("check_site")
     link = '<a class="term reference internal" href="glossary.html#term-funnel">funnel</a>'
     page = "<aside>funnel</aside><article><h1>A funnel</h1><p>The {} and the funnel.</p></article>"
     assert check.unlinked(check.Page(page.format(link))) == []

@@ -15,7 +15,7 @@ from slipctl.block.fields import Composition
 from slipctl.block.functions import symbol_maker
 from slipctl.block.signals import Bound, Input, Output, State
 from slipctl.certify.bounds.steps import METHODS, largest_step
-from slipctl.errors import BadInput, check_positive, check_whole, nearest
+from slipctl.errors import BadInput, check_known, check_positive, check_whole
 
 SHARES = (1.0, 1 / 4, 1 / 16, 1 / 64)
 """Shares of a Newton step among which an implicit method chooses."""
@@ -53,10 +53,7 @@ def sampled(
     """
     if as_block("sampled: what is to be sampled", block).kind != "flow":
         raise BadInput(f"{block.name} is a {block.kind}; only a flow can be sampled")
-    if method not in METHODS:
-        raise BadInput(
-            f"sampled({block.name}): unknown method {method!r}{nearest(method, METHODS)}"
-        )
+    check_known(f"sampled({block.name}): unknown method", method, METHODS)
     check_positive(f"sampled({block.name}): h", h, "s")
     check_whole(f"sampled({block.name}): substeps", substeps)
     dt = h / substeps

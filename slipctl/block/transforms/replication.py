@@ -14,7 +14,7 @@ from slipctl.block.fields import Composition
 from slipctl.block.signals import Signal
 from slipctl.block.text.named_expressions import names_in
 from slipctl.block.transforms.discretisation import counters
-from slipctl.errors import BadInput, check_whole, nearest
+from slipctl.errors import check_known, check_whole
 
 
 def replicate(
@@ -51,8 +51,7 @@ def replicate(
         (distinct, block.params, "parameter"),
     ):
         for k in names:
-            if k not in known:
-                raise BadInput(f"replicate: {block.name} has no {what} {k!r}{nearest(k, known)}")
+            check_known(f"replicate: {block.name} has no {what}", k, known)
     own = [*block.states, *with_derived(block, distinct)]
     wide = {*own, *(k for k in block.inputs if k not in shared)}
     signals = [

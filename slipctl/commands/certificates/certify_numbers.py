@@ -9,7 +9,7 @@ from fractions import Fraction
 
 from slipctl.block.units.unit_algebra import unit
 from slipctl.certify.systems import System
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known
 
 NUMBER = re.compile(
     r"([+-]?\d{1,60}/\d{1,60}|[+-]?(?:\d{1,60}(?:\.\d{0,60})?|\.\d{1,60})(?:[eE][+-]?\d{1,2})?)(.*)"
@@ -32,8 +32,7 @@ def read_numbers(system: System, settings: Sequence[str]) -> dict[str, Fraction]
         if not equals:
             first = next(iter(system.numbers))
             raise BadInput(f"--set {text}: write NAME=VALUE, {first}=1.5")
-        if name not in system.numbers:
-            raise BadInput(f"{system.name} has no {name!r}{nearest(name, system.numbers)}")
+        check_known(f"{system.name} has no", name, system.numbers)
         if name in found:
             raise BadInput(f"--set names {name} twice; write it once")
         wanted = system.numbers[name].unit

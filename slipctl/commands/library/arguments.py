@@ -3,8 +3,25 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser
+from typing import Any
 
 AS_JSON = "answer as JSON"
+
+
+def option(p: ArgumentParser, usage: str, help: str | None = None, **more: Any) -> None:
+    """Declare an option as the help shows it: ``--quick``, ``--out DIR``, ``--loop L ...``.
+
+    Without a word behind its name it is a switch, unless it has ``choices``. With ``...`` it takes
+    several values, also when it is given again. Two names are written ``--map|--column``.
+    """
+    name, _, metavar = usage.partition(" ")
+    if metavar.endswith("..."):
+        more |= {"nargs": "+", "action": "extend", "default": []}
+    elif not metavar and "choices" not in more:
+        more["action"] = "store_true"
+    if metavar:
+        more["metavar"] = metavar.removesuffix(" ...")
+    p.add_argument(*name.split("|"), help=help, **more)
 
 
 def list_options(p: ArgumentParser) -> None:
@@ -13,16 +30,16 @@ def list_options(p: ArgumentParser) -> None:
         "word", metavar="TOPIC|WORD", nargs="?",
         help="studies, models or kinds; or a word to look for in their names and meanings",
     )  # fmt: skip
-    p.add_argument("--json", action="store_true", help=AS_JSON)
+    option(p, "--json", AS_JSON)
 
 
 def show_options(p: ArgumentParser) -> None:
     """Declare the options of ``slipctl show``."""
     p.add_argument("name", metavar="NAME")
-    p.add_argument("--latex", action="store_true", help="equations as LaTeX")
-    p.add_argument("--graph", action="store_true", help="block diagram as DOT")
-    p.add_argument("--against", metavar="OTHER", help="show the differences from another NAME")
-    p.add_argument("--json", action="store_true", help=AS_JSON)
+    option(p, "--latex", "equations as LaTeX")
+    option(p, "--graph", "block diagram as DOT")
+    option(p, "--against OTHER", "show the differences from another NAME")
+    option(p, "--json", AS_JSON)
 
 
 def new_options(p: ArgumentParser) -> None:
@@ -32,11 +49,9 @@ def new_options(p: ArgumentParser) -> None:
         help="metro: a metro car of 38 t that brakes into leaves; emu: eight axles with air brakes",
     )  # fmt: skip
     p.add_argument("file", metavar="FILE", nargs="?", help="file to write (default: KIND.toml)")
-    p.add_argument("--json", action="store_true", help=AS_JSON)
-    p.add_argument(
-        "--from", metavar="STUDY:LOOP[@SCENARIO]", dest="source",
-        help="write this loop of a study instead, with all of its numbers, to KIND or LOOP.toml",
-    )  # fmt: skip
+    option(p, "--json", AS_JSON)
+    option(p, "--from STUDY:LOOP[@SCENARIO]", "write this loop of a study instead, with all of its"
+           " numbers, to KIND or LOOP.toml", dest="source")  # fmt: skip
 
 
 def open_options(p: ArgumentParser) -> None:
@@ -46,30 +61,22 @@ def open_options(p: ArgumentParser) -> None:
         help="vehicle file or study to open (default: metro.toml, which is written if it does not"
         " exist)",
     )  # fmt: skip
-    p.add_argument(
-        "--port", metavar="N", type=int, help="port on this machine (default: a free one)"
-    )
-    p.add_argument("--no-browser", action="store_true", help="only print the address")
-    p.add_argument(
-        "--python", metavar="FILE.py", nargs="+", action="extend", default=[], dest="files",
-        help="Python files that the vehicle file may use; slipctl imports no others",
-    )  # fmt: skip
-    p.add_argument("--no-compile", action="store_true", help="do not use a C compiler")
+    option(p, "--port N", "port on this machine (default: a free one)", type=int)
+    option(p, "--no-browser", "only print the address")
+    option(p, "--python FILE.py ...", "Python files that the vehicle file may use; slipctl imports"
+           " no others", dest="files")  # fmt: skip
+    option(p, "--no-compile", "do not use a C compiler")
 
 
 def copy_options(p: ArgumentParser) -> None:
     """Declare the options of ``slipctl copy``."""
     p.add_argument("model", metavar="MODEL")
     p.add_argument("file", metavar="FILE")
-    p.add_argument("--json", action="store_true", help=AS_JSON)
+    option(p, "--json", AS_JSON)
 
 
 def docs_options(p: ArgumentParser) -> None:
     """Declare the options of ``slipctl docs``."""
     p.add_argument("page", metavar="PAGE", nargs="?", default="index", help="glossary, sweeps, ...")
-    p.add_argument(
-        "--where", action="store_true", help="print the path of the page, and open nothing"
-    )
-    p.add_argument(
-        "--json", action="store_true", help="print the path of the page as JSON, and open nothing"
-    )
+    option(p, "--where", "print the path of the page, and open nothing")
+    option(p, "--json", "print the path of the page as JSON, and open nothing")

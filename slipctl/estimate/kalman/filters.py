@@ -16,7 +16,7 @@ from typing import Any
 
 from slipctl.block.block import Block
 from slipctl.block.signals import Param
-from slipctl.errors import BadInput, check_whole, nearest
+from slipctl.errors import BadInput, check_known, check_whole
 from slipctl.estimate.kalman.forms import differential_form, sampled_form
 from slipctl.estimate.kalman.model import Numbers, Problem, by_name, unit_squared
 from slipctl.estimate.kalman.moments import linear_moments, printed_22, sigma_points
@@ -181,8 +181,7 @@ def _filter(
     """Check what both filters share, and build the block."""
     who = f"{kind}({block.name})"
     for word, value, known in (("form", form, forms), ("per", per, PER)):
-        if value not in known:
-            raise BadInput(f"{who} has no {word} {value!r}{nearest(value, known)}")
+        check_known(f"{who} has no {word}", value, known)
     if not (math.isfinite(period) and period > 0):
         raise BadInput(f"{who}: period = {period:g} s must be positive")
     check_whole(f"{who}: substeps", substeps)

@@ -12,7 +12,7 @@ import numpy as np
 
 from slipctl.block.block import Block, Exprs
 from slipctl.block.signals import Signal
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known, nearest
 
 Numbers = float | Mapping[str, float]
 
@@ -278,8 +278,7 @@ def by_name(
         last = {n.rpartition(".")[2]: n for n in units}
         full = {k if k in units else last.get(k, k): v for k, v in given.items()}
         for k in full:
-            if k not in units:
-                raise BadInput(f"{who}: {what} has {k!r}{nearest(k, units)}")
+            check_known(f"{who}: {what} has", k, units)
         for n, unit in units.items():
             if n not in full and not partial:
                 raise BadInput(f"{who}: {what} lacks {n!r} in {unit}")

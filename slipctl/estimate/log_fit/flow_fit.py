@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known, nearest
 from slipctl.estimate.curve import quantity
 from slipctl.estimate.log_fit.fit_search import Search
 from slipctl.estimate.log_fit.record import FittedOverTime, Record
@@ -64,8 +64,7 @@ def fit_over_time(
                        f"{nearest(measured, [*flow.states, *flow.outputs])}")  # fmt: skip
     if delay and delay not in flow.inputs:
         raise BadInput(f"{flow.name} has no input {delay!r}{nearest(delay, flow.inputs)}")
-    if rule not in ("hold", "linear"):
-        raise BadInput(f"there is no rule {rule!r}{nearest(rule, ('hold', 'linear'))}")
+    check_known("there is no rule", rule, ("hold", "linear"))
     free = free_state(flow, measured)
     if unknown is None:
         unknown = flow.law_data.coordinates or [
@@ -77,8 +76,7 @@ def fit_over_time(
     if twice := [n for n in told if n in unknown]:
         raise BadInput(f"{twice[0]} is both given and unknown; leave it out of one of them")
     for n in start or {}:
-        if n not in unknown:
-            raise BadInput(f"start has {n!r}{nearest(n, unknown)}")
+        check_known("start has", n, unknown)
     first = {n: quantity(flow, n, v) for n, v in (start or {}).items()}
     settled = {n: v for n, v in {**told, **first}.items() if n in flow.params}
     flow = flow.with_params(**settled) if settled else flow

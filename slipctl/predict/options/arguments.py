@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from slipctl.block.block import Block
-from slipctl.errors import BadInput, check_number, check_positive, check_whole, nearest
+from slipctl.errors import BadInput, check_known, check_number, check_positive, check_whole
 from slipctl.predict.options.limits import entries_of
 from slipctl.predict.reference import available
 
@@ -194,8 +194,7 @@ def bounds_of(
 ) -> dict[str, tuple[Limit, Limit]]:
     """(lo, hi) of each control, as given or declared."""
     for n in given:
-        if n not in full:
-            raise BadInput(f"{where}: bounds of {n!r}, which is no control{nearest(n, full)}")
+        check_known(f"{where}: bounds of", n, full, ", which is no control")
     found = {}
     for c, n in full.items():
         s = plant.inputs[n]
@@ -234,8 +233,7 @@ def scale_of(lo: Limit, hi: Limit) -> float:
 def rates_of(where: str, controls: Sequence[str], rates: Mapping[str, float]) -> dict[str, float]:
     """Largest rates by control."""
     for c, r in rates.items():
-        if c not in controls:
-            raise BadInput(f"{where}: rate of {c!r}, which is no control{nearest(c, controls)}")
+        check_known(f"{where}: rate of", c, controls, ", which is no control")
         check_positive(f"{where}: rate of {c}", r)
     return dict(rates)
 
@@ -247,8 +245,7 @@ def weights_of(where: str, laws: Sequence[Block], weights: Mapping[str, float]) 
         if names.count(n) > 1:
             raise BadInput(f"{where}: two laws have a residual {n!r}; rename one")
     for n, w in weights.items():
-        if n not in names:
-            raise BadInput(f"{where}: the cost has no residual {n!r}{nearest(n, names)}")
+        check_known(f"{where}: the cost has no residual", n, names)
         check_positive(f"{where}: weight of {n}", w)
     return {n: float(weights.get(n, 1.0)) for n in names}
 
@@ -272,9 +269,5 @@ def preview_names(where: str, preview: Sequence[str], known: Sequence[Limit]) ->
         raise BadInput(f"{where}: preview = {preview!r}; give a list of names of inputs")
     names = [n for n in known if isinstance(n, str)]
     for n in preview:
-        if n not in names:
-            raise BadInput(
-                f"{where}: preview of {n!r}, which is no held input or named bound"
-                f"{nearest(str(n), names)}"
-            )
+        check_known(f"{where}: preview of", n, names, ", which is no held input or named bound")
     return tuple(preview)

@@ -22,7 +22,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block, as_block
-from slipctl.errors import BadInput, check_number, check_positive, check_whole, nearest
+from slipctl.errors import BadInput, check_known, check_number, check_positive, check_whole
 from slipctl.predict.options.arguments import bounds_of, by_name, scale_of, weights_of
 from slipctl.predict.options.terminal import slopes_at
 from slipctl.predict.stages.horizon import Horizon
@@ -115,8 +115,7 @@ def _variances(where: str, what: str, plant: Block, given: Mapping[str, float]) 
     sizes = {n: s.size for n, s in plant.states.items()}
     found = dict.fromkeys(sizes, 0.0)
     for n, value in by_name(where, what, given).items():
-        if n not in sizes:
-            raise BadInput(f"{where}: {what} has {n!r}, which is no state{nearest(n, sizes)}")
+        check_known(f"{where}: {what} has", n, sizes, ", which is no state")
         check_number(f"{where}: {what} of {n}", value)
         if not 0 <= value < math.inf:
             raise BadInput(f"{where}: {what} of {n} = {value:g} is a variance; give 0 or more")

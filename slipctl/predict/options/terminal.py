@@ -22,7 +22,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl.errors import BadInput, check_number, nearest
+from slipctl.errors import BadInput, check_known, check_number
 from slipctl.predict.stages.horizon import Horizon
 
 SEEN = 1e-9
@@ -225,11 +225,7 @@ def _point(
     model = h.model
     short = {n.removeprefix("plant."): n for n in model.states} | {n: n for n in model.inputs}
     for n, value in at.items():
-        if n not in short:
-            raise BadInput(
-                f"{where}: at has {n!r}, which is no state, control or held input"
-                f"{nearest(n, short)}"
-            )
+        check_known(f"{where}: at has", n, short, ", which is no state, control or held input")
         check_number(f"{where}: at {n}", value)
     given = {short[n]: float(v) for n, v in at.items()}
     p = model.param_values()

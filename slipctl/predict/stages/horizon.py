@@ -27,7 +27,7 @@ import casadi as ca
 from slipctl.block.block import Block
 from slipctl.block.text.intermediates import elements, function
 from slipctl.block.transforms.discretisation import sampled
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known
 from slipctl.predict.options.scenarios import Factors, own, ties
 from slipctl.predict.stages.joint_flow import check_lag, join_flows
 from slipctl.predict.stages.stage_lengths import STRETCH
@@ -171,10 +171,7 @@ class Horizon:
         else:
             last = []
             for n in terminal:
-                if n not in cost.outputs:
-                    raise BadInput(
-                        f"{where}: the cost has no residual {n!r}{nearest(n, cost.outputs)}"
-                    )
+                check_known(f"{where}: the cost has no residual", n, cost.outputs)
                 if f"cost.{n}" not in free:
                     raise BadInput(
                         f"{where}: {n} depends on the control, which the last stage does not have;"

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from slipctl.errors import BadInput, Faults, nearest
+from slipctl.errors import BadInput, Faults, check_known, nearest
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
@@ -50,8 +50,7 @@ def load(name: str) -> Block:
         names = ", ".join(f"{path}:{b}" for b in blocks)
         raise BadInput(f"{path} has several blocks; write which: {names}")
     wanted = wanted or blocks[0]
-    if wanted not in blocks:
-        raise BadInput(f"{path} has no block {wanted!r}{nearest(wanted, blocks)}")
+    check_known(f"{path} has no block", wanted, blocks)
     try:
         return block(content[wanted], wanted, lambda keys: _place(path, text, (wanted, *keys)))
     except Faults as error:

@@ -144,16 +144,19 @@ def claim_table(verdicts: Sequence[Verdict], width: int = 132) -> str:
         rows.append([v.claim.claim, paper, ours, f"{v.verdict}{': ' if v.why else ''}{v.why}"])
     room = max(width - 6, 74)
     wide = [room * 36 // 100, room * 16 // 100, room * 16 // 100]
-    wide = [min(w, max(len(r[k]) for r in rows)) for k, w in enumerate(wide)]
-    return (
-        wrap_table(rows, [*wide, room - sum(wide)])
-        + f"\n\n{len(verdicts)} claims: {count(verdicts)}"
-    )
+    wide = list(map(min, wide, widths_of(rows)))
+    table = wrap_table(rows, [*wide, room - sum(wide)])
+    return f"{table}\n\n{len(verdicts)} claims: {count(verdicts)}"
 
 
-def wrap_table(rows: Sequence[Sequence[str]], widths: Sequence[int]) -> str:
-    """Table whose cells are wrapped to the widths; the first row is its head."""
-    out = []
+def widths_of(rows: Sequence[Sequence[str]]) -> list[int]:
+    """Width of each column, in characters."""
+    return [max(map(len, column)) for column in zip(*rows, strict=True)]
+
+
+def wrap_table(rows: Sequence[Sequence[str]], widths: Sequence[int] | None = None) -> str:
+    """Table whose cells are wrapped to the widths, if any; the first row is its head."""
+    out, widths = [], widths or widths_of(rows)
     for k, row in enumerate(rows):
         cells = [textwrap.wrap(c, w) or [""] for c, w in zip(row, widths, strict=True)]
         for line in range(max(map(len, cells))):
@@ -337,7 +340,7 @@ def absent(results: Results, scenario: str) -> list[str]:
 def metric_table(results: Results, scenario: str, width: int = 132) -> str:
     """Metrics of one scenario as text; loops that do not fit beside the others go below them."""
     rows = metric_rows(results, scenario)
-    wide = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
+    wide = widths_of(rows)
     lines, limits = [f"scenario {scenario}"], getattr(results.study, "limits", {})
     for group in side_by_side(wide, width - 2):
         shown = [r for r in rows if any(r[k] for k in group)]

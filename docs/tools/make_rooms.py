@@ -1,4 +1,4 @@
-"""Draw docs/rooms.svg from the imports: ``python docs/make_rooms.py``; ``--check`` only compares.
+"""Draw docs/rooms.svg from the imports: ``python docs/tools/make_rooms.py [--check]``.
 
 A box is a folder (room) of the engine, ``models`` or ``studies``, with the question it answers; it
 stands on the floor that the table of docs/architecture.md gives it. An arc goes down to what a room
@@ -17,7 +17,7 @@ from pathlib import Path
 
 from made import made
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1]
 ROOT = HERE.parent
 PICTURE = HERE / "rooms.svg"
 ROW = re.compile(r"^\| (\d+) \| `(\w+)` \| ([^|]+?) \|", re.M)

@@ -1,4 +1,4 @@
-"""Build the pages beside those of other versions: python docs/make_site.py FOLDER.
+"""Build the pages beside those of other versions: python docs/tools/make_site.py FOLDER.
 
 ``FOLDER/0.1.0`` holds the pages of this version; those of others stay as they are. Each page lists
 the versions at its side, ``FOLDER/index.html`` too. It all works from a folder, without a server.
@@ -16,7 +16,7 @@ from pathlib import Path
 from slipctl import __version__
 from slipctl.run import store
 
-DOCS = Path(__file__).parent
+DOCS = Path(__file__).parents[1]
 
 
 def versions(folder: Path) -> list[str]:
@@ -44,7 +44,7 @@ def listed(folder: Path) -> None:
 def main() -> int:
     """Build into the folder that is named."""
     if len(sys.argv) != 2:
-        print("write where: python docs/make_site.py FOLDER")
+        print("write where: python docs/tools/make_site.py FOLDER")
         return 2
     folder = Path(sys.argv[1])
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "-A", "several=1", str(DOCS),

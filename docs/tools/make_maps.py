@@ -1,4 +1,4 @@
-"""The maps of the papers' laws: ``python docs/make_maps.py [NAME ...]`` writes docs/map_*.svg.
+"""The maps of the papers' laws: ``python docs/tools/make_maps.py [NAME ...]``, docs/map_*.svg.
 
 Each is what ``slipctl certify STUDY:GAINS --map X,Y --metric M`` draws. Takes some minutes.
 """
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from slipctl.commands.cli import main
 
-HERE = Path(__file__).resolve().parent
+HERE = Path(__file__).resolve().parents[1]
 MAPS = {
     "subway_braking": ("subway_braking:sta", "k1=1:200,k2=0.5:100", "torque_ripple"),
     "hst_braking": ("hst_braking:eppfc_steady", "K1=1:5000,eta_inf=5e-5:0.05", "distance"),

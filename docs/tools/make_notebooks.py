@@ -1,4 +1,4 @@
-"""A notebook of each how-to page: ``python docs/make_notebooks.py FOLDER [--run]``.
+"""A notebook of each how-to page: ``python docs/tools/make_notebooks.py FOLDER [--run]``.
 
 Text becomes text, ``python`` and ``console`` blocks become cells, and a block that begins with the
 name of a file writes that file. ``--run`` executes each in an empty folder, as a reader does; one
@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-DOCS = Path(__file__).parent
+DOCS = Path(__file__).parents[1]
 BLOCK = re.compile(r"^```(\w*|\{\w+\})(?: [^\n]*)?\n(.*?)^```$", re.M | re.S)
 FILE = re.compile(r"# ([\w.]+\.(?:py|toml))\n")
 

@@ -1,6 +1,6 @@
 """What the test in the folder of every controller reaches: statements and branches of its C.
 
-``python -m bench.reach [STUDY[:LOOP] ...] [--out FILE]`` writes each folder as
+``python -m bench.c_folders.reach [STUDY[:LOOP] ...] [--out FILE]`` writes each folder as
 ``slipctl c`` does and counts by gcov, as ``--check`` does (:mod:`slipctl.ccode.check.coverage`).
 What the file has already is not measured again. Exit code 1 where less than 95 % of the
 reachable branches are reached.
@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.written_folders import loops
+from bench.c_folders.written_folders import loops
 from slipctl.ccode import codegen
 from slipctl.ccode.check.coverage import REACHABLE, run_with_counters, share, summary
 from slipctl.ccode.compile import compilers

@@ -1,4 +1,4 @@
-"""Write docs/c_controllers.md from the evidence: ``python docs/make_controllers.py``.
+"""Write docs/c_controllers.md from the evidence: ``python docs/tools/make_controllers.py``.
 
 ``--check`` only compares.
 """
@@ -13,22 +13,22 @@ from typing import Any
 
 from made import made
 
-sys.path.append(str(Path(__file__).parents[1]))  # bench is not installed
+sys.path.append(str(Path(__file__).parents[2]))  # bench is not installed
 
 from bench.c_targets import allowed, guards_take, passed
 from bench.predictive import Goal, judged
 from slipctl.ccode.ship.readable import table
 from slipctl.study.processor import METRIC
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1]
 PAGE, EVIDENCE = HERE / "c_controllers.md", HERE / "evidence"
 
 HEAD = """\
 # Every controller in C
 
-Made from [the evidence](evidence/c_targets.json) by `python docs/make_controllers.py`; a test fails
-when it is out of date. What is measured, and how, is told in [the C interface](c_interface.md).
-`python -m bench.c_targets` measures it again.
+Made from [the evidence](evidence/c_targets.json) by `python docs/tools/make_controllers.py`; a
+test fails when it is out of date. What is measured, and how, is told in
+[the C interface](c_interface.md). `python -m bench.c_targets` measures it again.
 """
 
 HOLDS = """\

@@ -1,4 +1,4 @@
-"""Fill the tables of the studies' pages: ``python docs/make_tables.py [--check] [STUDY ...]``.
+"""Fill tables of the studies' pages: ``python docs/tools/make_tables.py [--check] [STUDY ...]``.
 
 The numbers are those of ``docs/evidence/STUDY.json``, or with ``--results FOLDER`` those that
 ``slipctl run STUDY --full --out FOLDER`` wrote. Without a name every page is filled; ``--check``
@@ -21,7 +21,7 @@ from slipctl.block.units.unit_algebra import display_scale
 from slipctl.run.metrics import METRICS, Metric
 from slipctl.study.report.texts import left_out, number, same_for_all, times
 
-DOCS = Path(__file__).resolve().parent
+DOCS = Path(__file__).resolve().parents[1]
 TABLE = re.compile(r"(<!-- table (.+?) -->\n).*?(<!-- end -->)", re.S)
 
 
@@ -290,7 +290,7 @@ def main(arguments: list[str]) -> int:
         if not given.check:
             page.write_text(new, encoding="utf-8", newline="\n")
         elif new != text:
-            print(f"docs/{name}.md is out of date; run: python docs/make_tables.py {name}")
+            print(f"docs/{name}.md is out of date; run: python docs/tools/make_tables.py {name}")
             old = 1
         else:
             print(f"docs/{name}.md is up to date")

@@ -1,4 +1,4 @@
-"""The table of wrong samples in c_interface.md: ``python docs/make_wrong_samples.py [--check]``.
+"""Wrong samples in c_interface.md: ``python docs/tools/make_wrong_samples.py [--check]``.
 
 Its rows are those of evidence/wrong_samples.json, which ``python -m bench.faults``
 measures.
@@ -14,7 +14,7 @@ from typing import Any
 
 from made import made
 
-HERE = Path(__file__).resolve().parent
+HERE = Path(__file__).resolve().parents[1]
 PAGE, EVIDENCE = HERE / "c_interface.md", HERE / "evidence" / "wrong_samples.json"
 HEAD = (
     "| controller | faults | back | the loop needs its time | harm: 1 tick | 10 ticks | 100 ticks"

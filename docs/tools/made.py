@@ -13,7 +13,7 @@ def made(page: Path, text: str) -> int:
         print(
             f"docs/{page.name} is up to date"
             if fresh
-            else f"run: python docs/{Path(sys.argv[0]).name}"
+            else f"run: python docs/tools/{Path(sys.argv[0]).name}"
         )
         return 0 if fresh else 1
     page.write_text(text, encoding="utf-8", newline="\n")

@@ -1,4 +1,4 @@
-"""Write the pages of commands, metrics and keys: ``python docs/make_reference.py [--check]``."""
+"""Write pages of commands, metrics and keys: ``python docs/tools/make_reference.py [--check]``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from made import made
 
 os.environ["COLUMNS"] = "88"  # the width of every help
 
-DOCS = Path(__file__).parent
+DOCS = Path(__file__).parents[1]
 
 
 def commands() -> str:
@@ -24,7 +24,7 @@ def commands() -> str:
     choices = next(a.choices for a in top._actions if isinstance(a, argparse._SubParsersAction))
     parts = [
         "# Commands\n",
-        "Made from `slipctl COMMAND --help` by `python docs/make_reference.py`. Exit codes: 0"
+        "Made from `slipctl COMMAND --help` by `python docs/tools/make_reference.py`. Exit codes: 0"
         " finished,\nwhatever the verdicts; 1 a run failed; 2 bad input, told in one line; 130"
         " stopped by Ctrl-C.\n\nWith `pip install 'slipctl[completion]'` bash completes commands"
         ' and options, after\n`eval "$(register-python-argcomplete slipctl)"`.\n',
@@ -46,16 +46,17 @@ def metrics() -> str:
         meaning = text.replace("|", r"\|")
         rows.append(f"| `{name}` | {unit} | {meaning} |")
     head = (
-        "# Metrics\n\nMade from the code by `python docs/make_reference.py`. A metric that has no"
-        " meaning for a run is left out.\nOne with several values says which rail each is of."
-        " Units are those that the studies have.\n\n| metric | unit | meaning |\n|---|---|---|\n"
+        "# Metrics\n\nMade from the code by `python docs/tools/make_reference.py`. A metric that"
+        " has no meaning for a run is left out.\nOne with several values says which rail each is"
+        " of. Units are those that the studies have.\n\n"
+        "| metric | unit | meaning |\n|---|---|---|\n"
     )
     return head + "\n".join(rows) + "\n"
 
 
 KEYS_HEAD = """# All keys of a vehicle's file
 
-Made from the declaration by `python docs/make_reference.py`; `slipctl list kinds` prints the
+Made from the declaration by `python docs/tools/make_reference.py`; `slipctl list kinds` prints the
 same, and `slipctl schema` gives it to an editor. How the tables work together is told in
 [your own vehicle](own_vehicle.md). A number that has a unit is written with one, any of its kind:
 `"60 ms"`. Gains of the laws stand as they are on the metro car of `slipctl new metro`.

@@ -1,4 +1,4 @@
-"""Make docs/claims.md from the studies: ``python docs/make_claims.py``; ``--check`` only compares.
+"""Make docs/claims.md from the studies: ``python docs/tools/make_claims.py [--check]``.
 
 One table a paper: what it says, where, and what each row is judged on. Verdicts are not here: they
 come from a run, and stand on the page of the study.
@@ -15,7 +15,7 @@ from slipctl.study.declaration import Claim, Study
 from slipctl.study.report.texts import number, tolerance_text
 from slipctl.study.resolve import load_study
 
-PAGE = Path(__file__).parent / "claims.md"
+PAGE = Path(__file__).parents[1] / "claims.md"
 STUDIES = ("subway_braking", "hst_braking", "hst_traction", "freight_traction")
 HEAD = """# What the papers claim, and where each claim is judged
 
@@ -25,7 +25,7 @@ more accurately, a torque that is convex at first), and the convergence of the t
 `slipctl certify` takes up. *Asked* is the paper's answer with the tolerance that the row allows.
 *Judged in* is the scenario and the loop of a run, and what had to be assumed. Verdicts and our
 answers stand on the page of the study. Rows that are our own promises have the place *ours*.
-`docs/make_claims.py` makes this page.
+`docs/tools/make_claims.py` makes this page.
 """
 
 

@@ -1,4 +1,4 @@
-"""Write docs/api.md from the docstrings: ``python docs/make_api.py``; ``--check`` only compares."""
+"""Write docs/api.md from the docstrings: ``python docs/tools/make_api.py [--check]``."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ import slipctl
 import slipctl.models
 from slipctl.study import resolve
 
-PAGE = Path(__file__).parent / "api.md"
+PAGE = Path(__file__).parents[1] / "api.md"
 
 HEAD = """\
 # API reference
 
-Made from the docstrings by `python docs/make_api.py`; a test fails when it is out of date. Public
-is what `slipctl` exports; figures, the modules of bounds and the models are listed after it. Units
-are SI. The ideas behind the names are in [concepts](concepts.md).
+Made from the docstrings by `python docs/tools/make_api.py`; a test fails when it is out of date.
+Public is what `slipctl` exports; figures, the modules of bounds and the models are listed after it.
+Units are SI. The ideas behind the names are in [concepts](concepts.md).
 """
 
 SECTION = re.compile(r"^(Args|Returns|Raises|Yields|Attributes|Kinds|Proof note):\s*(.*)$")

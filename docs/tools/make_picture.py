@@ -1,7 +1,7 @@
 """The picture that README opens with: ``slipctl run metro.toml``, two of its loops.
 
-``python docs/make_picture.py`` runs the file that ``slipctl new metro`` writes, as it is, and keeps
-the figure of the speeds as ``docs/metro.svg``; ``--check`` only compares. Takes 20 s.
+``python docs/tools/make_picture.py`` runs the file that ``slipctl new metro`` writes, as it is, and
+keeps the figure of the speeds as ``docs/metro.svg``; ``--check`` only compares. Takes 20 s.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from made import made
 
 from slipctl.commands.cli import main
 
-PICTURE = Path(__file__).resolve().with_name("metro.svg")
+PICTURE = Path(__file__).resolve().parents[1] / "metro.svg"
 LOOPS = ("none", "super_twisting")
 
 

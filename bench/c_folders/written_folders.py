@@ -1,6 +1,6 @@
 """The folder of every controller as ``slipctl c`` writes it: does its ``make test`` pass?
 
-``python -m bench.written_folders [STUDY[:LOOP] ...] [--real double float]`` writes
+``python -m bench.c_folders.written_folders [STUDY[:LOOP] ...] [--real double float]`` writes
 each in a process of its own, tells time and memory that this took, and runs ``make test`` in it.
 Exit code 1 where a test fails, or writing took longer than 10 s or more than 500 MB.
 """

@@ -1,4 +1,4 @@
-"""The tables of failures.md: ``python docs/make_failures.py [--check]``.
+"""The tables of failures.md: ``python docs/tools/make_failures.py [--check]``.
 
 What a controller does follows from its model: the file that ``slipctl new metro`` writes. What
 that comes to is in evidence/vehicle_faults.json: ``python -m bench.faults metro.toml --c``.
@@ -18,7 +18,7 @@ from slipctl.block.text.failures import FAILURE_HEAD, failures_of
 from slipctl.models.vehicle import trip as trips
 from slipctl.study.files.trip_files import load_trip
 
-HERE = Path(__file__).resolve().parent
+HERE = Path(__file__).resolve().parents[1]
 PAGE, EVIDENCE = HERE / "failures.md", HERE / "evidence" / "vehicle_faults.json"
 FILE = HERE.parent / "models" / "vehicle" / "files" / "metro.toml"
 

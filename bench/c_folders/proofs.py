@@ -1,6 +1,6 @@
 """What Frama-C proves of the C of every controller: alarms, ranges of states and outputs.
 
-``python -m bench.proofs [STUDY[:LOOP] ...] [--real double float] [--once]
+``python -m bench.c_folders.proofs [STUDY[:LOOP] ...] [--real double float] [--once]
 [--out FILE]`` does for each what ``slipctl c --prove`` does. Exit code 1 where something is left
 open. ``--once`` leaves out the second run, in which NaN and infinity are alarms too.
 """
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.written_folders import loops
+from bench.c_folders.written_folders import loops
 from slipctl.ccode import codegen
 from slipctl.ccode.check.proof import module_proof
 from slipctl.ccode.module.plan import Plan

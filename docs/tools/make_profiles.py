@@ -1,4 +1,4 @@
-"""The profiles of ``all_rails``: ``python docs/make_profiles.py`` writes their picture.
+"""The profiles of ``all_rails``: ``python docs/tools/make_profiles.py`` writes their picture.
 
 docs/profiles_all_rails.svg is drawn from the table ``profile`` of the experiment ``fair`` in
 docs/evidence/all_rails.json.
@@ -13,7 +13,7 @@ from slipctl import Table
 from slipctl.draw.plots import svg_text
 from slipctl.studies.all_rails.study import profile_panels
 
-HERE = Path(__file__).resolve().parent
+HERE = Path(__file__).resolve().parents[1]
 
 
 def main() -> None:

@@ -1,0 +1,1 @@
+"""Folders of C that are written and judged: what they are, their proofs, how far they reach."""
