@@ -85,7 +85,11 @@ from slipctl.models.vehicle.slip.takeover import (
     wake,
     watch,
 )
-from slipctl.models.vehicle.slip.train_reference import axles_behind, train_reference
+from slipctl.models.vehicle.slip.train_reference import (
+    axles_behind,
+    reference_ahead,
+    train_reference,
+)
 from slipctl.study.resolve import load_block
 
 BEHIND = "reference.behind"
@@ -275,6 +279,7 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
         copies["turn"] = turns(axles).with_params(
             T_max=w.T_max, time=trip.control.let_go, every_=trip.control.let_go_every
         )
+    _look_ahead(trip, part, copies, wires)
     block = with_control_ranges(connect("ctl", wires, trust=judge, **copies), trip, w)
     own: dict[str, Any] = dict(_numbers(block, w))
     own |= {n: value for n, value in each.items() if n in block.params}
@@ -318,6 +323,20 @@ def _controlled_axle(
         more, others = torque_to_bits(trip)
         parts, wires = parts | more, wires | others
     return parts, wires
+
+
+def _look_ahead(
+    trip: Trip, part: Controller, copies: dict[str, Block], wires: dict[str, str]
+) -> None:
+    """Add what raises the slips of all axles before the layer ends, where that is asked for."""
+    reference = getattr(part, "reference", None) or trip.reference
+    if not (isinstance(reference, TrainSlip) and reference.ahead and "reference" in copies):
+        return
+    own = "reference.v_best"
+    wires |= {k: "ahead.v_best" for k, source in wires.items() if source == own}
+    wires |= {"ahead.v": "trust.v", "ahead.mu": "sample.mu", "ahead.v_s": "sample.v_s",
+              "ahead.own": own}  # fmt: skip
+    copies["ahead"] = reference_ahead(trip, reference)
 
 
 def _let_go(trip: Trip, parts: dict[str, Block], wires: dict[str, str]) -> None:

@@ -7,8 +7,10 @@ import numpy as np
 from slipctl import Block
 from slipctl.errors import Faults, nearest
 from slipctl.models.vehicle.adhesion import layer_law, numbers_of, rail_law
-from slipctl.models.vehicle.parts import TrainSlip, Trip
+from slipctl.models.vehicle.air.pneumatics import ATMOSPHERE
+from slipctl.models.vehicle.parts import Air, TrainSlip, Trip
 from slipctl.models.vehicle.plant import on_train
+from slipctl.models.vehicle.slip.rail_ahead import rail_ahead
 from slipctl.models.vehicle.slip.train_slip import train_slip
 from slipctl.models.wheel_rail.sliding_train import SlidingTrain
 from slipctl.models.wheel_rail.train_caution import cautious_share
@@ -63,6 +65,17 @@ def train_reference(trip: Trip, part: TrainSlip) -> Block:
     return train_slip(train.fouled, train.clean).with_params(
         strength=train.tau, load=train.load, slip=part.slip, least=part.least, caution=caution,
     )  # fmt: skip
+
+
+def reference_ahead(trip: Trip, part: TrainSlip) -> Block:
+    """What lets the axles of a trip fill before the layer ends."""
+    train, act = believed_train(trip, part), trip.actuator
+    rate = act.torque / max(act.usual_lag, 0.01)
+    if isinstance(act, Air):
+        rate = act.torque / act.pressure * act.rates[0] * (act.supply + ATMOSPHERE)
+    return rail_ahead(train.fouled, train.clean, train.behind).with_params(
+        slip=part.slip, rate=rate, dead=act.dead_time
+    )
 
 
 def axles_behind(trip: Trip) -> np.ndarray:

@@ -13,6 +13,7 @@ caution: the share of a strength tau that can be counted on if it is known withi
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -40,6 +41,22 @@ def numbers_of_curve(curve: Block, name: str) -> dict[str, Param]:
     }  # fmt: skip
 
 
+def heights_of_curves(
+    curves: Sequence[Block], known: Sequence[Mapping[str, Param]], p: Exprs, e: Any, v: Any
+) -> tuple[Any, Any]:
+    """Adhesion under the layer and without it at a slip ratio, braking positive.
+
+    Args:
+        curves: both. known: numbers of each, by :func:`numbers_of_curve`.
+        p: their values. e: slip ratio. v: speed in m/s.
+    """
+    low, high = (
+        -curve.expr({}, {"v_s": -e * v, "v": v}, {k: p[s.name] for k, s in rows.items()})[1]["mu"]
+        for curve, rows in zip(curves, known, strict=True)
+    )
+    return low, high
+
+
 def train_slip(layer: Block, clean: Block) -> Block:
     """Make the slip reference of an axle that cleans for those behind it.
 
@@ -55,14 +72,7 @@ def train_slip(layer: Block, clean: Block) -> Block:
     known = [numbers_of_curve(c, n) for c, n in zip(curves, ("layer", "clean"), strict=True)]
 
     def heights(p: Exprs, e: Any, v: Any) -> tuple[Any, Any]:
-        """Adhesion of both curves at a slip ratio, braking positive."""
-        low, high = (
-            -curve.expr({}, {"v_s": -e * v, "v": v}, {k: p[s.name] for k, s in rows.items()})[1][
-                "mu"
-            ]
-            for curve, rows in zip(curves, known, strict=True)
-        )
-        return low, high
+        return heights_of_curves(curves, known, p, e, v)
 
     def learnt(x: Exprs, u: Exprs, p: Exprs, v: Any) -> tuple[Any, Any]:
         """Product and square of the difference of both curves, over the last T_f seconds."""
