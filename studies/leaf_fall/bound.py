@@ -89,6 +89,7 @@ RULES: dict[str, Callable[[SlidingTrain], Slips]] = {
 }
 """Choices of slips, each a rule by place, speed and what an axle finds."""
 
+
 def filled_behind(trip: Trip, train: SlidingTrain, slips: Slips) -> Slips:
     """Rule whose brakes fill no sooner than where the leaves end, and no faster than they can.
 

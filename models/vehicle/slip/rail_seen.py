@@ -29,7 +29,7 @@ from slipctl.models.common_form import ADDED, T_S
 from slipctl.models.vehicle.slip.train_slip import heights_of_curves, numbers_of_curve
 
 CELL = 1.0
-"""Length of a cell of the field in m, at most; half the distance of two axles where that is less."""
+"""Length of a cell of the field in m, at most; half the least distance of two axles if less."""
 
 APART = 0.02
 """Difference of both curves below which a sample says nothing of the rail."""
