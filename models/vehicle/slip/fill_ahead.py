@@ -2,8 +2,8 @@
 
 A cylinder needs longer to fill than a train to pass some metres, so an axle loses a second of its
 brake behind each layer. One that slides on the layer, a distance d before cleaner rail, may fill
-there already; its wheel then slides more. With the torque rising from now on at the rate R, the slip at
-the place is
+there already; its wheel then slides more. With the torque rising from now on at the rate R, the
+slip at the place is
 
     s(t) = s + R r t^2/(2 J),    t = d/v - t_0 with the dead time t_0
 
