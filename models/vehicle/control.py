@@ -85,7 +85,11 @@ from slipctl.models.vehicle.slip.takeover import (
     wake,
     watch,
 )
-from slipctl.models.vehicle.slip.train_reference import axles_behind, train_reference
+from slipctl.models.vehicle.slip.train_reference import (
+    axles_behind,
+    field_of_axles,
+    parts_of_train_slip,
+)
 from slipctl.study.resolve import load_block
 
 BEHIND = "reference.behind"
@@ -258,7 +262,7 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     parts, wires = _controlled_axle(trip, part, w)
     driven = trip.vehicle.mode == "drive"
     _let_go(trip, parts, wires)
-    one = ("trust.v", "trust.demand", "trust.retry")
+    one = ("trust.v", "trust.demand", "trust.retry", "rail.factor")
     common = {k for k, source in wires.items() if source in one} | {"fall.a_R", "probe.limit"}
     each = numbers_of_each_axle(trip, part)
     copies = {
@@ -271,6 +275,10 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     wires |= {
         "trust.v": "v", "trust.omega": "omega", "trust.T_b": "T", "trust.T_demand": "T_demand",
     }  # fmt: skip
+    reference = getattr(part, "reference", None) or trip.reference
+    if isinstance(reference, TrainSlip) and (reference.ahead or reference.learn):
+        copies["rail"] = field_of_axles(trip, reference)
+        wires |= {"rail.v": "trust.v", "rail.mu": "sample.mu", "rail.v_s": "sample.v_s"}
     if trip.control.let_go is not None:
         copies["turn"] = turns(axles).with_params(
             T_max=w.T_max, time=trip.control.let_go, every_=trip.control.let_go_every
@@ -411,13 +419,14 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
             "force.mu": "curve.mu",
         }
     else:
-        wires |= {"reference.v": "trust.v", "force.mu": "meter.mu_m"}
+        wires["force.mu"] = "meter.mu_m"
         if isinstance(reference, TrainSlip):
-            parts["reference"] = train_reference(trip, reference)
-            wires |= {"reference.mu": "sample.mu", "reference.v_s": "sample.v_s"}
+            own, inner, ports["v_best"] = parts_of_train_slip(trip, reference)
+            parts |= own
+            wires |= inner
         else:
             parts["reference"] = fixed_reference(reference)
-        ports["v_best"] = "reference.v_best"
+            wires["reference.v"], ports["v_best"] = "trust.v", "reference.v_best"
         if isinstance(part, Predictive):
             parts["curve"], ports_of_curve = known_curve()
             ports |= ports_of_curve

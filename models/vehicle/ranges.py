@@ -79,6 +79,7 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
         "watch.on": (0, 1, FLAG),
         "watch.idle": (0, 1e9, "it counts on where slip control rules from the start"),
         "reference.v_best": (0, max(20.0, fastest), "no more than the speed"),
+        "fill.v_best": (0, max(20.0, fastest), "no more than the speed"),
         "trust.omega_h": (-spin, spin, "a wheel that spins free"),
         "trust.mean": (-spin, spin, "a wheel that spins free"),
         "trust.rim": (-rim, rim, "a wheel that spins free"),  # which is faster than the vehicle

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from slipctl.models.vehicle import Trip
+from slipctl.models.vehicle.slip.train_reference import filling_rate
 from slipctl.models.wheel_rail.falling_creep import falling_creep
 from slipctl.models.wheel_rail.sliding_train import SlidingTrain, Slips, Stop, stop
 from slipctl.models.wheel_rail.train_optimum import LocalRule, Rule, best_stop
@@ -87,6 +88,31 @@ RULES: dict[str, Callable[[SlidingTrain], Slips]] = {
     "best of the train": lambda train: Rule(train),
 }
 """Choices of slips, each a rule by place, speed and what an axle finds."""
+
+
+def filled_behind(trip: Trip, train: SlidingTrain, slips: Slips) -> Slips:
+    """Rule whose brakes fill no sooner than where the leaves end, and no faster than they can.
+
+    There the force of an axle grows from what it had. The flow is taken as choked all the time, so
+    a cylinder is never faster.
+    """
+    wheels = trip.vehicle.wheel_inertia / trip.one_radius**2 / AXLE
+    rate = filling_rate(trip) / trip.one_radius / (2 * train.load) / (1 + wheels)
+    e = np.geomspace(1e-6, 0.02, 300)
+    before = {"x": 0.0, "f": np.full(train.axles, train.most)}
+
+    def rule(x: float, v: float, W: np.ndarray, fouled: np.ndarray) -> np.ndarray:
+        wanted = slips(x, v, W, fouled)
+        low, high = train.heights(wanted, v)
+        share = np.where(fouled, train.recovered(W), 1.0)
+        f = np.minimum((1 - share) * low + share * high, train.most)
+        reach = before["f"] + rate * (x - before["x"]) / v
+        short = ~fouled & (f > reach)
+        before.update(x=x, f=np.where(short, reach, f))
+        return np.where(short, np.interp(reach, train.heights(e, v)[1], e), wanted)
+
+    return rule
+
 
 ENDS = ("best slip of each axle", "best of the train")
 """Rules between which a choice lies that is any good."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from slipctl import Claim, Results
-from slipctl.studies.leaf_fall.errors import BIASES, CURVES, FACTORS, KNOWN
-from slipctl.studies.leaf_fall.experiments import REACH, REFERENCE
+from slipctl.studies.leaf_fall.errors import BIASES, CURVES, FACTORS, KNOWN, LEARNT
+from slipctl.studies.leaf_fall.experiments import LATE, REACH, REFERENCE
 from slipctl.studies.leaf_fall.trains import RIVALS
 
 OURS = "ours"
@@ -46,15 +46,29 @@ def below_bound(r: Results) -> float:
     return max(found)
 
 
-def distance_left(scenario: str) -> Callable[[Results], float]:
-    """Share of the way from the tuned state machine to the bound that ``train`` leaves."""
+def distance_left(scenario: str, name: str = "train") -> Callable[[Results], float]:
+    """Share of the way from the tuned state machine to the bound that a loop leaves."""
+    return lambda r: _share_of_way(r, scenario, r.metric(scenario, name, "stopping_distance"))
 
-    def ours(r: Results) -> float:
-        bound = r.table("bound", "least").where("least distance", cleaning=SCENARIOS[scenario])
-        stops = stops_of(r, scenario, ("wsp_tuned", "train"))
-        return 100 * (stops["train"] - bound) / (stops["wsp_tuned"] - bound)
 
-    return ours
+def _share_of_way(r: Results, scenario: str, way: float) -> float:
+    """Share in % of the way from the tuned state machine to the bound that a distance leaves."""
+    bound = r.table("bound", "least").where("least distance", cleaning=SCENARIOS[scenario])
+    machine = r.metric(scenario, "wsp_tuned", "stopping_distance")
+    return float(100 * (way - bound) / (machine - bound))
+
+
+def longer_than_told(r: Results) -> float:
+    """Share by which the law that learns the strength is longer than the one that is told, in %."""
+    ways = stops_of(r, "medium", ("train", "train_ahead"))
+    return 100 * (ways["train_ahead"] / ways["train"] - 1)
+
+
+def left_by_filling(scenario: str) -> Callable[[Results], float]:
+    """What is left if brakes fill where the leaves end, with slips that are held exactly."""
+    return lambda r: _share_of_way(r, scenario, r.table("bound", "distances").where(
+        "stopping distance", cleaning=SCENARIOS[scenario], slips=LATE
+    ))  # fmt: skip
 
 
 def held_exactly(cleaning: str) -> Callable[[Results], dict[str, float]]:
@@ -161,6 +175,21 @@ CLAIMS = (
           bound="at most", scenario="base"),
     Claim("left_medium", OURS, "medium cleaning: the same", "number", 50.0,
           distance_left("medium"), "%", bound="at most", scenario="medium"),
+    Claim("left_by_filling", OURS, "weak cleaning: what is left of that way by brakes that fill no"
+          " sooner than where the leaves end, with slips that are held exactly", "number", 25.0,
+          left_by_filling("base"), "%", bound="at least",
+          assumption="choked flow all the time, which is faster than a cylinder fills"),
+    Claim("ahead", OURS, "weak cleaning: what the law leaves that fills before the leaves end",
+          "number", 50.0, distance_left("base", "train_ahead"), "%", bound="at most",
+          scenario="base"),
+    Claim("ahead_medium", OURS, "medium cleaning: the same", "number", 50.0,
+          distance_left("medium", "train_ahead"), "%", bound="at most", scenario="medium"),
+    Claim("ahead_first", OURS, "weak cleaning: the law of the whole train stops longer than the one"
+          " that fills before the leaves end too", "order", "train > train_ahead",
+          in_order("base", "train", "train_ahead"), scenario="base"),
+    Claim("not_told", OURS, "medium cleaning: it believes a third of the strength at the start, and"
+          " stops longer than the law of the whole train that is told it by at most", "number", 1.0,
+          longer_than_told, "%", bound="at most", scenario="medium"),
     Claim("air", OURS, "largest share of the reservoir's air that a stop takes", "number", 50.0,
           lambda r: 100 * (8.0 - min(float(r.metric(s, n, "air_left"))
                                      for s in SCENARIOS for n in RIVALS)) / 8.0, "%",
@@ -178,6 +207,8 @@ CLAIMS = (
     Claim("strength", OURS, "strength of the cleaning wrong by a factor of 3: the law of the whole"
           " train stops longer by at most", "number", 3.0, cost_of_error(*FACTORS), "%",
           bound="at most"),
+    Claim("strength_learnt", OURS, "the same where it is learnt from what axles find", "number",
+          1.0, cost_of_error(*(n + LEARNT for n in FACTORS)), "%", bound="at most"),
     Claim("curves", OURS, "curves of leaves or rail that are wrong: the same", "number", 3.0,
           cost_of_error(*CURVES), "%", bound="at most"),
     Claim("accelerometer", OURS, "another error of the accelerometer: the same", "number", 1.0,

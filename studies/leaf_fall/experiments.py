@@ -19,6 +19,7 @@ from slipctl.studies.leaf_fall.bound import (
     Begin,
     best_common_slip,
     common,
+    filled_behind,
     least_distance,
     sliding_train,
     stops,
@@ -26,6 +27,8 @@ from slipctl.studies.leaf_fall.bound import (
 from slipctl.studies.leaf_fall.errors import errors, nothing
 from slipctl.studies.leaf_fall.outcomes import STRENGTHS, begin_of, outcome
 from slipctl.studies.leaf_fall.trains import DRAWN, RIVALS, SPEED, trip
+
+BEST, LATE = "best of the train", "best of the train, brakes filled behind the leaves"
 
 SIZES = (2, 4, 8, 16)
 """Numbers of axles."""
@@ -55,7 +58,8 @@ def bound(context: Context) -> dict[str, Table]:
         ratios.append(best_common_slip(made, begin))
         train = sliding_train(made, begin)
         alike = stop(train, common(train, ratios[-1]), begin.speed, cell)
-        for rule, run in {**found, "best slip for all": alike}.items():
+        late = stop(train, filled_behind(made, train, RULES[BEST](train)), begin.speed, cell)
+        for rule, run in {**found, "best slip for all": alike, LATE: late}.items():
             left = made.vehicle.gravity * 6e3 * run.f * run.e  # of a wheel of 6 t, by the metre
             row = (name, rule, begin.place + run.distance, float(left.max()))
             for key, value in zip(rows, row, strict=True):

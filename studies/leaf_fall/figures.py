@@ -19,8 +19,11 @@ from slipctl.studies.leaf_fall.trains import DRAWN, PATCH, RADIUS, RIVALS, SPEED
 SHOWN = ("none", "wsp_tuned", "super_twisting", "common_slip")
 """Loops of which each axle is drawn."""
 
-BEFORE_AND_AFTER = ("wsp_tuned", "own_slip", "train")
+BEFORE_AND_AFTER = ("wsp_tuned", "own_slip", "train", "train_ahead")
 """Loops whose slip along the train is drawn: before, and after."""
+
+AHEAD = ("train", "train_ahead")
+"""Loops of which the torque at the end of the leaves is drawn."""
 
 CLEANINGS = {"base": "weak cleaning", "medium": "medium cleaning"}
 
@@ -136,6 +139,24 @@ def slips_behind_valves(r: Results) -> Any:
     return fig
 
 
+def behind_the_leaves(r: Results) -> Any:
+    """Torque of some axles where each leaves the leaves: filled behind them, and ahead."""
+    fig, axes = plots.panels(1, 2, height=2.8, sharey=True)
+    behind = trip().vehicle.behind
+    for axis, name in zip(axes[0], AHEAD, strict=True):
+        log = r.log("base", name)
+        x, T = log["plant.train.x"].values, log["plant.T"].values / 1e3
+        curves = {}
+        for k in (0, 2, 4, 7):
+            at = x - behind[k] - PATCH[1]
+            near = (at > -15) & (at < 25)
+            curves[f"axle {k + 1}"] = (at[near], T[near, k])
+        plots.lines(curves, ("place behind the leaves", "m"), ("torque", "kN m"), axis=axis,
+                    title=name, legend=axis is axes[0, 0])  # fmt: skip
+        axis.axvline(0, color=plots.GREY, lw=0.8)
+    return fig
+
+
 def chance(r: Results) -> Any:
     """Distance of every draw beside the limit, and the hottest contact of each."""
     t = r.table("chance", "draws")
@@ -176,6 +197,9 @@ FIGURES: Mapping[str, Figure] = {
     "train": Figure("Mean slip of each axle in the leaves, behind valves: before (slide protection,"
                     " each axle's own peak) and after (the law of the whole train). Axle 1 leads.",
                     slips_behind_valves),
+    "ahead": Figure("Torque where an axle comes out of the leaves, weak cleaning: it fills from"
+                    " there on, or before, as leading axles have seen the place.",
+                    behind_the_leaves),
     "chance": Figure("Leaves by chance: every draw a dot, the middle half a box, the median a"
                      " line.", chance),
     "sizes": Figure("Leaves everywhere: the longer the train, the more its first axles clean for"

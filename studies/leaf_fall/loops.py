@@ -40,9 +40,10 @@ def measured(made: Trip, name: str) -> Case:
 
 
 def _loop_that_knows(loops: Loops, name: str, tau: float) -> Block:
-    """A loop whose law knows how strongly wheels clean, if it asks for that."""
+    """A loop whose law knows how strongly wheels clean, if it asks for that and does not learn."""
     loop, strength = loops[name], "ctl.reference.strength"
     knows = strength in loop.params and float(loop.params["ctl.reference.caution"].value) > 0
+    knows = knows and "ctl.rail.tau_0" not in loop.params
     return loop.with_params(**{strength: tau}) if knows else loop
 
 

@@ -84,6 +84,12 @@ class TrainSlip(Part):
         "1", None, "share of the strength that is counted on; none: worked out, so that the train"
         " stops at most 1 % later than with best slips", lo=0, hi=1,
     )  # fmt: skip
+    ahead: bool = text_field(
+        False, "whether axles fill their brakes before the layer ends, as leading axles saw it"
+    )
+    learn: bool = text_field(
+        False, "whether the strength is learnt from what axles find behind others, within `within`"
+    )
     condition: str = text_field("", "rail without the layer; none: that of the first section")
     layer: Mapping[str, float | str] = text_field(
         {}, "parameters of the curve under the layer that the controllers believe to be others"

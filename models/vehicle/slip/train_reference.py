@@ -7,8 +7,11 @@ import numpy as np
 from slipctl import Block
 from slipctl.errors import Faults, nearest
 from slipctl.models.vehicle.adhesion import layer_law, numbers_of, rail_law
-from slipctl.models.vehicle.parts import TrainSlip, Trip
+from slipctl.models.vehicle.air.pneumatics import ATMOSPHERE
+from slipctl.models.vehicle.parts import Air, TrainSlip, Trip
 from slipctl.models.vehicle.plant import on_train
+from slipctl.models.vehicle.slip.fill_ahead import fill_ahead
+from slipctl.models.vehicle.slip.rail_seen import rail_seen
 from slipctl.models.vehicle.slip.train_slip import train_slip
 from slipctl.models.wheel_rail.sliding_train import SlidingTrain
 from slipctl.models.wheel_rail.train_caution import cautious_share
@@ -63,6 +66,40 @@ def train_reference(trip: Trip, part: TrainSlip) -> Block:
     return train_slip(train.fouled, train.clean).with_params(
         strength=train.tau, load=train.load, slip=part.slip, least=part.least, caution=caution,
     )  # fmt: skip
+
+
+def filling_rate(trip: Trip) -> float:
+    """Largest rate in N m/s at which the torque of an axle rises."""
+    act = trip.actuator
+    if isinstance(act, Air):  # the flow is choked
+        return float(act.torque / act.pressure * act.rates[0] * (act.supply + ATMOSPHERE))
+    return float(act.torque / max(act.usual_lag, 0.01))
+
+
+def field_of_axles(trip: Trip, part: TrainSlip) -> Block:
+    """What the axles of a trip see of the rail."""
+    train = believed_train(trip, part)
+    return rail_seen(train.fouled, train.clean, train.behind).with_params(
+        tau_0=max(train.tau, 1e-9), load=train.load, most=part.within
+    )
+
+
+def parts_of_train_slip(
+    trip: Trip, part: TrainSlip
+) -> tuple[dict[str, Block], dict[str, str], str]:  # fmt: skip
+    """Parts of one axle that give its slip reference, their wires, and where the reference is."""
+    parts = {"reference": train_reference(trip, part)}
+    wires = {"reference.v": "trust.v", "reference.mu": "sample.mu", "reference.v_s": "sample.v_s"}
+    if part.learn:
+        wires["reference.factor"] = "rail.factor"
+    if not part.ahead:
+        return parts, wires, "reference.v_best"
+    parts["fill"] = fill_ahead.with_params(
+        slip=part.slip, rate=filling_rate(trip), dead=trip.actuator.dead_time
+    )
+    wires |= {"fill.v": "trust.v", "fill.v_s": "sample.v_s", "fill.own": "reference.v_best",
+              "fill.ahead": "rail.ahead"}  # fmt: skip
+    return parts, wires, "fill.v_best"
 
 
 def axles_behind(trip: Trip) -> np.ndarray:

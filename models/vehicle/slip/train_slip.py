@@ -13,6 +13,7 @@ caution: the share of a strength tau that can be counted on if it is known withi
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -40,6 +41,22 @@ def numbers_of_curve(curve: Block, name: str) -> dict[str, Param]:
     }  # fmt: skip
 
 
+def heights_of_curves(
+    curves: Sequence[Block], known: Sequence[Mapping[str, Param]], p: Exprs, e: Any, v: Any
+) -> tuple[Any, Any]:
+    """Adhesion under the layer and without it at a slip ratio, braking positive.
+
+    Args:
+        curves: both. known: numbers of each, by :func:`numbers_of_curve`.
+        p: their values. e: slip ratio. v: speed in m/s.
+    """
+    low, high = (
+        -curve.expr({}, {"v_s": -e * v, "v": v}, {k: p[s.name] for k, s in rows.items()})[1]["mu"]
+        for curve, rows in zip(curves, known, strict=True)
+    )
+    return low, high
+
+
 def train_slip(layer: Block, clean: Block) -> Block:
     """Make the slip reference of an axle that cleans for those behind it.
 
@@ -55,14 +72,7 @@ def train_slip(layer: Block, clean: Block) -> Block:
     known = [numbers_of_curve(c, n) for c, n in zip(curves, ("layer", "clean"), strict=True)]
 
     def heights(p: Exprs, e: Any, v: Any) -> tuple[Any, Any]:
-        """Adhesion of both curves at a slip ratio, braking positive."""
-        low, high = (
-            -curve.expr({}, {"v_s": -e * v, "v": v}, {k: p[s.name] for k, s in rows.items()})[1][
-                "mu"
-            ]
-            for curve, rows in zip(curves, known, strict=True)
-        )
-        return low, high
+        return heights_of_curves(curves, known, p, e, v)
 
     def learnt(x: Exprs, u: Exprs, p: Exprs, v: Any) -> tuple[Any, Any]:
         """Product and square of the difference of both curves, over the last T_f seconds."""
@@ -72,7 +82,7 @@ def train_slip(layer: Block, clean: Block) -> Block:
         return (x["product"] + keep * (apart * (u["mu"] - low) - x["product"]),
                 x["square"] + keep * (apart * apart - x["square"]))  # fmt: skip
 
-    def best_ratio(p: Exprs, v: Any, share: Any) -> Any:
+    def best_ratio(p: Exprs, v: Any, share: Any, factor: Any) -> Any:
         """Slip ratio of the largest worth."""
         root = [LEAST_RATIO**0.5 + k * (p["slip"] ** 0.5 - LEAST_RATIO**0.5) / (POINTS - 1)
                 for k in range(POINTS)]  # fmt: skip
@@ -81,7 +91,7 @@ def train_slip(layer: Block, clean: Block) -> Block:
             ca.mmax(ca.vertcat(*[r[0] for r in rows])),
             ca.mmax(ca.vertcat(*[r[1] for r in rows])),
         )
-        k = p["caution"] * p["strength"] * p["load"] * ca.fmax(mu_r - mu_d, 0)
+        k = p["caution"] * p["strength"] * factor * p["load"] * ca.fmax(mu_r - mu_d, 0)
 
         def worth(low: Any, high: Any, z: Any) -> Any:
             f = ca.fmax((1 - share) * low + share * high, 1e-4)
@@ -103,7 +113,7 @@ def train_slip(layer: Block, clean: Block) -> Block:
         v = ca.fmax(ca.fabs(u["v"]), 1.0)
         product, square = learnt(x, u, p, v)
         share = ca.fmin(ca.fmax(product / (square + NEARLY_ALIKE**2), 0), 1)
-        e = best_ratio(p, v, share)
+        e = best_ratio(p, v, share, u["factor"])
         e = ca.if_else(x["begun"] > 0.5, x["e"] + ca.fmin(p["T"] / p["T_e"], 1) * (e - x["e"]), e)
         return (
             dict(product=product, square=square, e=e, begun=1),
@@ -133,6 +143,7 @@ def _signals(known: list[dict[str, Param]]) -> dict[str, list[Any]]:
             Input("m/s", "vehicle speed that is believed").named("v"),
             Input("1", "mean adhesion over a window", positive="braking").named("mu"),
             Input("m/s", "mean slip speed over it", positive="braking", per="speed").named("v_s"),
+            Input("1", "factor on the strength, where it is learnt", value=1.0).named("factor"),
         ],
         params=[
             Param("1", 0.0, "braked axles behind this one", ADDED, lo=0, hi=31).named("behind"),
