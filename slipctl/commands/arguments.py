@@ -78,7 +78,7 @@ def _add_effort(p: Parser) -> None:
 
 def _run_options(p: Parser) -> None:
     p.add_argument("--json", action="store_true", help="print metrics and claims as JSON")
-    p.add_argument("study", metavar="STUDY")
+    p.add_argument("study", metavar="STUDY", help="a study, or the file of a vehicle")
     p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/STUDY)")
     p.add_argument(
         "--set", metavar="[LOOP:]BLOCK.PARAM=VALUE[UNIT]", nargs="+", action="extend", default=[],
@@ -304,7 +304,7 @@ def _fit_options(p: Parser) -> None:
 
 
 def _c_options(p: Parser) -> None:
-    p.add_argument("name", metavar="NAME")
+    p.add_argument("name", metavar="NAME", help="STUDY:LOOP, FILE.toml:LOOP, or a block by its name")
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the C files")
     p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument("--check", action="store_true", help="compile it and compare it with Python")
@@ -391,9 +391,14 @@ def _written_beside(p: Parser) -> None:
 
 
 def _pil_options(p: Parser) -> None:
-    p.add_argument("name", metavar="STUDY:LOOP", help="or STUDY:LOOP@SCENARIO")
-    p.add_argument("--target", metavar="cortex-m4|cortex-m7", default="cortex-m4")
-    p.add_argument("--real", choices=("double", "float"), default="double")
+    p.add_argument("name", metavar="STUDY:LOOP", help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP")
+    p.add_argument(
+        "--target", metavar="cortex-m4|cortex-m7", default="cortex-m4",
+        help="processor that is emulated (default: cortex-m4)",
+    )  # fmt: skip
+    p.add_argument(
+        "--real", choices=("double", "float"), default="double", help="type of every number in C"
+    )
     p.add_argument(
         "--clock", metavar="168MHz",
         help="processor clock for which the load is reported (default: 25 MHz, that of the board)",
@@ -446,7 +451,7 @@ def _certify_options(p: Parser) -> None:
 
 
 def _check_options(p: Parser) -> None:
-    p.add_argument("file", metavar="FILE")
+    p.add_argument("file", metavar="FILE", help="certificate that certify or tune wrote")
     p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument(
         "--rerun", metavar="N", type=int,

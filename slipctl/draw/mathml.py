@@ -10,7 +10,7 @@ import re
 from html import escape, unescape
 
 SIGNS = {
-    "cdot": "·", "times": "×", "le": "≤", "ge": "≥", "ne": "≠", "neg": "¬", "land": "∧",
+    "cdot": "·", "dots": "…", "times": "×", "le": "≤", "ge": "≥", "ne": "≠", "neg": "¬", "land": "∧",
     "lor": "∨", "infty": "∞", "partial": "∂", "lfloor": "⌊", "rfloor": "⌋", "lceil": "⌈",
     "rceil": "⌉", "pm": "±", "top": "⊤", "odot": "⊙",
 }  # fmt: skip

@@ -71,6 +71,7 @@ READ = {
     "lines of old Macs": (HEAD + rows(plain)).replace("\n", "\r"),
     "the head again": (HEAD + rows(plain)).replace("\n20.0;", f"\n{HEAD}20.0;"),
     "unit in a name": "time_ms,vKmh\n" + rows(lambda t, v, k: f"{1000 * t:.0f},{v:.2f}"),
+    "cm/s in a name": "t [s];v_cms\n" + rows(lambda t, v, k: f"{t:.1f};{v / 0.036:.1f}"),
     "unit behind in": "Zeit in s;v in km/std\n" + rows(plain),
     "unit behind a slash": "t/s;v/(km/h)\n" + rows(plain),
     "Fortran": HEAD + rows(lambda t, v, k: f"{t:.6E};{v:.8E}".replace("E", "D")),
@@ -95,6 +96,8 @@ REFUSED = {
                           "s would be 100 s from row to row"),
     "two units of time": ("time_ms [s];v [km/h]\n" + rows(plain), "its head s and its name ms"),
     "two units of speed": ("t [s];v_kmh [m/s]\n" + rows(plain), "never overruled"),
+    "another dimension in a name": ("t [s];v_rpm\n" + rows(plain), "in rpm by its name"),
+    "a temperature by its name": ("t [s];v_degC\n" + rows(plain), "in degC by its name"),
     "other units further on": (
         ("t;v\ns;km/h\n" + rows(plain)).replace("\n20.0;", "\nt;v\ns;m/s\n20.0;"), "line 203"),
     "a word": (HEAD + rows(plain).replace("30.0;", "30.0;12. Mai "), "'12. Mai .*' in line 302"),

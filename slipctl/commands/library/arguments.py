@@ -18,7 +18,10 @@ def list_options(p: ArgumentParser) -> None:
 
 def show_options(p: ArgumentParser) -> None:
     """Declare the options of ``slipctl show``."""
-    p.add_argument("name", metavar="NAME")
+    p.add_argument(
+        "name", metavar="NAME",
+        help="study, STUDY:LOOP[.PART], FILE.toml:LOOP, model, FILE:BLOCK, or an equation in quotes",
+    )  # fmt: skip
     p.add_argument("--latex", action="store_true", help="equations as LaTeX")
     p.add_argument("--graph", action="store_true", help="block diagram as DOT")
     p.add_argument("--against", metavar="OTHER", help="show the differences from another NAME")
@@ -43,8 +46,8 @@ def open_options(p: ArgumentParser) -> None:
     """Declare the options of ``slipctl open``."""
     p.add_argument(
         "name", metavar="FILE.toml|STUDY[:LOOP]", nargs="?",
-        help="vehicle file or study to open (default: metro.toml, which is written if it does not"
-        " exist)",
+        help="vehicle file, study, folder of a sweep, or recorded log to open (default: metro.toml,"
+        " which is written if it does not exist)",
     )  # fmt: skip
     p.add_argument(
         "--port", metavar="N", type=int, help="port on this machine (default: a free one)"
@@ -59,8 +62,8 @@ def open_options(p: ArgumentParser) -> None:
 
 def copy_options(p: ArgumentParser) -> None:
     """Declare the options of ``slipctl copy``."""
-    p.add_argument("model", metavar="MODEL")
-    p.add_argument("file", metavar="FILE")
+    p.add_argument("model", metavar="MODEL", help="model to copy, by its name in slipctl list")
+    p.add_argument("file", metavar="FILE", help="file to write, such as my_law.py")
     p.add_argument("--json", action="store_true", help=AS_JSON)
 
 

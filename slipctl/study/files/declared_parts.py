@@ -295,7 +295,7 @@ def keys_of(kind: Any) -> list[Key]:
     """Keys of a part that are no tables of their own, in their order."""
     found = []
     for f in fields(kind):
-        if f.name == "kind" or f.metadata.get("rest"):
+        if f.metadata.get("rest") or (f.name == "kind" and not f.metadata.get("doc")):
             continue
         meaning = str(f.metadata.get("doc", ""))
         choices = [a for c in options(hints(kind)[f.name]) if get_origin(c) is Literal
@@ -311,7 +311,7 @@ def _default(f: Field[Any]) -> str:
     if f.default is MISSING and f.default_factory is MISSING:
         return "must be given"
     value = f.default_factory() if callable(f.default_factory) else f.default
-    if value is None or value == "" or value == {} or value == []:
+    if value is None or (not isinstance(value, (bool, int, float)) and not value):
         return "none"
     if is_dataclass(value):
         kind = getattr(value, "kind", "")
@@ -321,7 +321,11 @@ def _default(f: Field[Any]) -> str:
 
 
 def _range(f: Field[Any]) -> str:
-    lo, hi = (f.metadata.get(end, math.inf) for end in ("lo", "hi"))
+    return range_text(*(f.metadata.get(end, math.inf) for end in ("lo", "hi")))
+
+
+def range_text(lo: float, hi: float) -> str:
+    """Range of a number in words; an end that is infinite is not told."""
     low, high = math.isfinite(lo), math.isfinite(hi)
     if low and high:
         return f"{lo:g} to {hi:g}"
