@@ -5,18 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import textwrap
-from collections.abc import Sequence
 from dataclasses import MISSING, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from slipctl.errors import BadInput, nearest
 from slipctl.study import resolve
 from slipctl.study.files import trip_files
-from slipctl.study.files.declared_parts import range_text
-from slipctl.study.report.texts import number
-
-if TYPE_CHECKING:
-    from slipctl.block.signals import Signal
 
 TOPICS = ("studies", "models", "kinds")
 """What can be listed; kinds are those of the parts of a vehicle's file."""
@@ -77,7 +71,7 @@ def kinds() -> list[Row]:
             "needed": needed,
         }  # fmt: skip
         if where.startswith("controllers") and (law := files.law_of_kind(kind)) is not None:
-            row |= {"doc": law[0], "gains": _gains(law[1])}
+            row |= {"doc": law[0], "gains": [vars(k) for k in trip_files.gain_keys(law[1])]}
         return row
 
     def of(part: type, path: str) -> None:
@@ -107,17 +101,6 @@ def kinds() -> list[Row]:
 def _items(hint: Any) -> tuple[Any, ...]:
     """What a list of tables has in it."""
     return tuple(a for a in getattr(hint, "__args__", ()) if isinstance(a, type))
-
-
-def _gains(found: Sequence[Signal]) -> list[Row]:
-    """Gains of a law that a file may set, as keys; last names where they are alone."""
-    last = [s.name.rpartition(".")[2] for s in found]
-    return [
-        {"name": n if last.count(n) == 1 else s.name, "meaning": s.doc,
-         "unit": "" if s.unit == "1" else s.unit, "default": number(s.value),
-         "range": range_text(s.lo, s.hi)}
-        for s, n in zip(found, last, strict=True)
-    ]  # fmt: skip
 
 
 def _has(row: Row, word: str) -> bool:

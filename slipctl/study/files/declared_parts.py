@@ -307,6 +307,14 @@ def keys_of(kind: Any) -> list[Key]:
     return found
 
 
+def description(key: Key) -> str:
+    """A key's meaning with its unit, range and default, for an editor."""
+    must = key.default == "must be given"
+    more = [f"unit {key.unit}" if key.unit else "", key.range,
+            key.default if must else f"default {key.default}"]  # fmt: skip
+    return f"{key.meaning} ({', '.join(filter(None, more))})"
+
+
 def _default(f: Field[Any]) -> str:
     if f.default is MISSING and f.default_factory is MISSING:
         return "must be given"
@@ -333,13 +341,9 @@ def range_text(lo: float, hi: float) -> str:
 
 
 def _field(kind: Any, f: Field[Any], found: dict[str, Any]) -> dict[str, Any]:
-    said: dict[str, Any] = {}
-    unit = f.metadata.get("unit")
-    if f.metadata.get("doc"):
-        more = [f"unit {unit}"] if unit not in (None, "1") else []
-        more += [_range(f)] if _range(f) else []
-        more += [f"default {_default(f)}"] if _default(f) != "must be given" else [_default(f)]
-        said["description"] = f"{f.metadata['doc']} ({', '.join(more)})"
+    unit, doc = f.metadata.get("unit") or "1", f.metadata.get("doc")
+    plain = Key(f.name, doc, "" if unit == "1" else unit, _default(f), _range(f)) if doc else None
+    said: dict[str, Any] = {"description": description(plain)} if plain else {}
     either = list(_types(kind, f, found))
     return said | (either[0] if len(either) == 1 else {"anyOf": either})
 
