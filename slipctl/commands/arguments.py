@@ -304,7 +304,9 @@ def _fit_options(p: Parser) -> None:
 
 
 def _c_options(p: Parser) -> None:
-    p.add_argument("name", metavar="NAME", help="STUDY:LOOP, FILE.toml:LOOP, or a block by its name")
+    p.add_argument(
+        "name", metavar="NAME", help="STUDY:LOOP, FILE.toml:LOOP, or a block by its name"
+    )
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the C files")
     p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument("--check", action="store_true", help="compile it and compare it with Python")

@@ -10,8 +10,8 @@ import re
 from html import escape, unescape
 
 SIGNS = {
-    "cdot": "·", "dots": "…", "times": "×", "le": "≤", "ge": "≥", "ne": "≠", "neg": "¬", "land": "∧",
-    "lor": "∨", "infty": "∞", "partial": "∂", "lfloor": "⌊", "rfloor": "⌋", "lceil": "⌈",
+    "cdot": "·", "dots": "…", "times": "×", "le": "≤", "ge": "≥", "ne": "≠", "neg": "¬",
+    "land": "∧", "lor": "∨", "infty": "∞", "partial": "∂", "lfloor": "⌊", "rfloor": "⌋", "lceil": "⌈",
     "rceil": "⌉", "pm": "±", "top": "⊤", "odot": "⊙",
 }  # fmt: skip
 ACCENTS = {"dot": "˙", "ddot": "¨", "hat": "^", "bar": "¯", "tilde": "~", "vec": "→"}

@@ -119,9 +119,10 @@ def unit_of_column(table: Table, column: str, told: str, wanted: str, notes: lis
     if named and len(said) == 1:
         notes.append(f"{column} is in {named} by its name")
     if not said and wanted and (other := other_unit_in_name(column, wanted)):
-        raise BadInput(f"{where} is in {other} by its name, and {wanted} is wanted, another"
-                       f" dimension; say the unit behind its name, {column}[{wanted}], or convert it"
-                       " by an expression")  # fmt: skip
+        raise BadInput(
+            f"{where} is in {other} by its name, and {wanted} is wanted, another dimension; say"
+            f" the unit behind its name, {column}[{wanted}], or convert it by an expression"
+        )
     return first
 
 

@@ -20,7 +20,8 @@ def show_options(p: ArgumentParser) -> None:
     """Declare the options of ``slipctl show``."""
     p.add_argument(
         "name", metavar="NAME",
-        help="study, STUDY:LOOP[.PART], FILE.toml:LOOP, model, FILE:BLOCK, or an equation in quotes",
+        help="study, STUDY:LOOP[.PART], FILE.toml:LOOP, model, FILE:BLOCK, or an equation in"
+        " quotes",
     )  # fmt: skip
     p.add_argument("--latex", action="store_true", help="equations as LaTeX")
     p.add_argument("--graph", action="store_true", help="block diagram as DOT")

@@ -67,7 +67,7 @@ def kinds() -> list[Row]:
         row: Row = {
             "name": f"{where}.{kind}" if kind else where, "kind": kind, "many": many,
             "doc": (cls.__doc__ or "").partition("\n")[0],
-            "keys": [vars(k) for k in declared_parts.keys_of(cls) if not (kind and k.name == "kind")],
+            "keys": [vars(k) for k in declared_parts.keys_of(cls) if not kind or k.name != "kind"],
             "needed": needed,
         }  # fmt: skip
         if where.startswith("controllers") and (law := files.law_of_kind(kind)) is not None:
