@@ -304,9 +304,7 @@ def _fit_options(p: Parser) -> None:
 
 
 def _c_options(p: Parser) -> None:
-    p.add_argument(
-        "name", metavar="NAME", help="STUDY:LOOP, FILE.toml:LOOP, or a block by its name"
-    )
+    p.add_argument("name", metavar="NAME", help="STUDY:LOOP, FILE.toml:LOOP, or a block's name")
     p.add_argument("--out", metavar="DIR", required=True, help="folder of the C files")
     p.add_argument("--json", action="store_true", help=AS_JSON)
     p.add_argument("--check", action="store_true", help="compile it and compare it with Python")
@@ -394,13 +392,8 @@ def _written_beside(p: Parser) -> None:
 
 def _pil_options(p: Parser) -> None:
     p.add_argument("name", metavar="STUDY:LOOP", help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP")
-    p.add_argument(
-        "--target", metavar="cortex-m4|cortex-m7", default="cortex-m4",
-        help="processor that is emulated (default: cortex-m4)",
-    )  # fmt: skip
-    p.add_argument(
-        "--real", choices=("double", "float"), default="double", help="type of every number in C"
-    )
+    p.add_argument("--target", metavar="cortex-m4|cortex-m7", default="cortex-m4")
+    p.add_argument("--real", choices=("double", "float"), default="double")
     p.add_argument(
         "--clock", metavar="168MHz",
         help="processor clock for which the load is reported (default: 25 MHz, that of the board)",
