@@ -109,8 +109,12 @@ def name_and_unit(head: str) -> tuple[str, str]:
 
 def words(name: str) -> list[str]:
     """Words of a name in small letters: TimeUS, time_us and time us are all time and us."""
-    parted = re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", " ", name)
-    return [w.lower() for w in re.split(r"[\W_]+", parted) if w]
+    found: list[str] = []
+    for word in re.split(r"[\W_]+", name):
+        known = word.lower() in IN_NAMES or word.lower() in IN_TIMES  # kN, degC are one word
+        parted = word if known else re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", " ", word)
+        found += parted.lower().split()
+    return found
 
 
 def unit_in_name(name: str, wanted: str) -> str:

@@ -14,6 +14,7 @@ from slipctl.block.units.unit_algebra import parse_quantity, unit
 from slipctl.models.trials import coasting
 from slipctl.run.logs.log_signals import source_of
 from slipctl.run.logs.recorded_log import Recording, read_recording
+from slipctl.tables.heads import other_unit_in_name, unit_in_name
 from slipctl.tables.layout import text_of
 
 V = [3.6 * v for v in speeds()][:400]
@@ -149,6 +150,16 @@ def test_it_is_refused_with_row_and_cause(what: str, tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=said) as error:
         read(text, tmp_path / "log.csv")
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("name", "wanted", "unit", "other"), [
+    ("F_kN", "N", "kN", ""), ("TorqueNm", "N m", "Nm", ""), ("v_cms", "m/s", "cm/s", ""),
+    ("v_kN", "m/s", "", "kN"), ("v_degC", "m/s", "", "degC"), ("T_degC", "K", "", ""),
+    ("slip_percent", "1", "%", ""), ("bar", "m/s", "", ""), ("vKmh", "m/s", "km/h", ""),
+])  # fmt: skip
+def test_a_unit_in_a_name(name: str, wanted: str, unit: str, other: str) -> None:
+    """That of the wanted dimension, or another one that ends the name; a bare unit is a name."""
+    assert (unit_in_name(name, wanted), other_unit_in_name(name, wanted)) == (unit, other)
 
 
 @pytest.mark.parametrize("mark", [".", ","])
