@@ -73,8 +73,7 @@ def file_keys() -> str:
            "keys": [vars(k) for k in keys_of(Trip) if k.default != "as below"]}  # fmt: skip
     parts = [KEYS_HEAD]
     for row in (top, *kinds()):
-        table, _, kind = row["name"].rpartition(".") if _of_a_kind(row) else (row["name"], "", "")
-        head = f"`[{table}]`" + (f', `kind = "{kind}"`' if kind else "") if row["name"] else "Top"
+        head = _heading(row) if row["name"] else "Top"
         parts.append(f"## {head}\n\n{row['doc'].replace('``', '`')}\n")
         keys = [*row["keys"], *row.get("gains", ())]
         if keys:
@@ -85,11 +84,11 @@ def file_keys() -> str:
     return "\n".join(parts)
 
 
-def _of_a_kind(row: dict[str, Any]) -> bool:
-    """Whether the last part of a row's name is a kind, not a table."""
-    plain = ("", "vehicle", "rail", "rail.sections", "rail.gradient", "sensors", "control",
-             "limits", "ensemble", "certify")  # fmt: skip
-    return row["name"] not in plain
+def _heading(row: dict[str, Any]) -> str:
+    """Table of a row as a file writes it, with its kind where it has several."""
+    table = row["name"].removesuffix(f".{row['kind']}") if row["kind"] else row["name"]
+    brackets = "[[{}]]" if row["many"] else "[{}]"
+    return f"`{brackets.format(table)}`" + (f', `kind = "{row["kind"]}"`' if row["kind"] else "")
 
 
 def _units() -> dict[str, list[str]]:

@@ -71,7 +71,7 @@ def _add_effort(p: Parser) -> None:
 
 def _run_options(p: Parser) -> None:
     option(p, "--json", "print metrics and claims as JSON")
-    p.add_argument("study", metavar="STUDY")
+    p.add_argument("study", metavar="STUDY", help="a study, or the file of a vehicle")
     option(p, "--out DIR", "folder of the results (default: out/STUDY)")
     option(p, "--set [LOOP:]BLOCK.PARAM=VALUE[UNIT] ...", "set a parameter or start value,"
            " car.m=8.2t; '*.m=8t' sets every m", dest="settings")  # fmt: skip
@@ -199,7 +199,7 @@ def _fit_options(p: Parser) -> None:
 
 
 def _c_options(p: Parser) -> None:
-    p.add_argument("name", metavar="NAME")
+    p.add_argument("name", metavar="NAME", help="STUDY:LOOP, FILE.toml:LOOP, or a block's name")
     option(p, "--out DIR", "folder of the C files", required=True)
     option(p, "--json", AS_JSON)
     option(p, "--check", "compile it and compare it with Python")
@@ -244,7 +244,7 @@ def _written_beside(p: Parser) -> None:
 
 
 def _pil_options(p: Parser) -> None:
-    p.add_argument("name", metavar="STUDY:LOOP", help="or STUDY:LOOP@SCENARIO")
+    p.add_argument("name", metavar="STUDY:LOOP", help="or STUDY:LOOP@SCENARIO, FILE.toml:LOOP")
     option(p, "--target cortex-m4|cortex-m7", default="cortex-m4")
     option(p, "--real", choices=("double", "float"), default="double")
     option(p, "--clock 168MHz", "processor clock for which the load is reported (default: 25 MHz,"
@@ -278,7 +278,7 @@ def _certify_options(p: Parser) -> None:
 
 
 def _check_options(p: Parser) -> None:
-    p.add_argument("file", metavar="FILE")
+    p.add_argument("file", metavar="FILE", help="certificate that certify or tune wrote")
     option(p, "--json", AS_JSON)
     option(p, "--rerun N", "run N draws of a statement again, from the study or file that the"
            " statement names", type=int)  # fmt: skip

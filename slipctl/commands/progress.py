@@ -10,6 +10,9 @@ from slipctl.commands.environment import progress_interval
 
 log = logging.getLogger("slipctl")
 
+FIRST = 0.05
+"""Share up to which the first news of a run may come late because it was built before."""
+
 
 class Progress:
     """Tells how far a run is: lines that move on a terminal, otherwise a line when one begins.
@@ -21,7 +24,7 @@ class Progress:
         self.total, self.stream, self.begun_count = total, stream, 0
         self.moving = stream.isatty() and not quiet
         self.shares: dict[str, float] = {}
-        self.began: dict[str, float] = {}
+        self.began: dict[str, tuple[float, float]] = {}
         self.told: dict[str, float] = {}
         self.lines, self.last = 0, 0.0
         self.every = progress_interval()
@@ -31,9 +34,11 @@ class Progress:
         now = time.monotonic()
         if what not in self.shares:
             self.begun_count += 1
-            self.began[what] = self.told[what] = now
+            self.began[what], self.told[what] = (now, 0.0), now
             if not self.moving:
                 log.info("%d/%d %s", self.begun_count, self.total, what)
+        if not self.began[what][1] and share <= FIRST:  # until it moves, it is built and compiled
+            self.began[what] = now, share
         self.shares[what] = share
         if self.moving:
             if share >= 1.0 or now - self.last > 0.1:
@@ -46,8 +51,9 @@ class Progress:
     def _line(self, what: str) -> str:
         """One that goes on: share done and time left."""
         share = self.shares[what]
-        spent = time.monotonic() - self.began[what]
-        left = f", {clock(spent * (1 - share) / share)} left" if share > 0.02 else ""
+        began, before = self.began[what]
+        spent, done = time.monotonic() - began, share - before
+        left = f", {clock(spent * (1 - share) / done)} left" if done > 0.02 else ""
         return f"{what}: {100 * share:.0f} %{left}"
 
     def _draw(self) -> None:

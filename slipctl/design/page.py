@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -92,7 +92,7 @@ def judged_rows(found: Tuned) -> Rows:
 
 def promise_rows(found: Tuned) -> Rows:
     """Verdict and margin of each certificate."""
-    rows = [["certificate", "by hand", "tuned", "margin by hand", "margin"]]
+    rows = [["certificate", "by hand", "tuned", "margin by hand", "margin tuned"]]
     loop = found.tuned_loop()
     for g in found.promises.gains:
         tuned, hand = found.margins[g.name]
@@ -173,9 +173,10 @@ def pictures(found: Tuned) -> dict[str, plots.Figure]:
         if along:
             shown[
                 f"Mean {what[0]} over draws along each number, the others as tuned; the range"
-                f" within {100 * CLOSE:g} % is shaded. Where there is no curve, a certificate or a"
+                f" within {100 * CLOSE:g} % is shaded. The solid line is where it was tuned to, the"
+                " dotted one where it was set by hand. Where there is no curve, a certificate or a"
                 " limit fails."
-            ] = _sliced(along, what)
+            ] = _sliced(along, what, found.gains)
     if found.judged:
         for goal, what, its in zip(search.objectives, named, found.judged.each, strict=True):
             caption = (
@@ -248,7 +249,9 @@ def _units(found: Tuned) -> list[str]:
     return [goal.unit(first) if first else "1" for goal in search.objectives]
 
 
-def _sliced(slices: Sequence[Slice], what: tuple[str, str]) -> plots.Figure:
+def _sliced(
+    slices: Sequence[Slice], what: tuple[str, str], gains: Mapping[str, float]
+) -> plots.Figure:
     fig, axes = plots.panels(len(slices), 1, height=2.4)
     for axis, s in zip(axes[:, 0], slices, strict=True):
         plots.lines({s.free.name: (s.values, s.means)}, (s.free.name, s.free.unit), what,
@@ -256,6 +259,7 @@ def _sliced(slices: Sequence[Slice], what: tuple[str, str]) -> plots.Figure:
         if s.free.lo > 0 and s.free.hi >= 10 * s.free.lo:
             looks.logarithmic(axis, "x")
         axis.axvspan(s.lo, s.hi, color="#0072B2", alpha=0.12, lw=0)
+        axis.axvline(gains[s.free.name], color="#7F7F7F", lw=1)
         axis.axvline(s.free.now, color="#7F7F7F", ls=":", lw=1)
     return fig
 
@@ -268,7 +272,7 @@ def page(found: Tuned, command: str) -> str:
     drawn = {caption: plots.svg_text(fig, command) for caption, fig in pictures(found).items()}
     lines = "".join(_p(line) for line in differences(found))
     sections = [("Gains", _html(gains_rows(found)) + _note()),
-                ("Held-out draws", _html(judged_rows(found)) + lines)]  # fmt: skip
+                ("Held-out draws", _html(judged_rows(found)))]  # fmt: skip
     if found.front:
         sections.insert(0, ("Front", _html(front_rows(found, len(found.front))) + _p(KNEE)))
     if found.promises.gains:
@@ -279,7 +283,7 @@ def page(found: Tuned, command: str) -> str:
         sections.append(("Statement", said + none))
     sections.append(("Pictures", "".join(_figure(c, svg) for c, svg in drawn.items())))
     sections.append(("Search", _searched(found) + f"<pre>{escape(command)}</pre>"))
-    body = "".join(f"<section><h2>{t}</h2>{text}</section>" for t, text in sections)
+    body = lines + "".join(f"<section><h2>{t}</h2>{text}</section>" for t, text in sections)
     said = f"minimise {escape(goals(found))} · slipctl {__version__}"
     return html_page(f"Gains of {found.name}", said, body)
 

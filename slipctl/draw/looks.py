@@ -65,6 +65,7 @@ STYLE: Any = {
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
     "axes.prop_cycle": f"cycler(color={list(PALETTE)})",
     "grid.color": "#DDDDDD",
     "grid.linewidth": 0.6,

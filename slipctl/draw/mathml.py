@@ -10,9 +10,9 @@ import re
 from html import escape, unescape
 
 SIGNS = {
-    "cdot": "·", "times": "×", "le": "≤", "ge": "≥", "ne": "≠", "neg": "¬", "land": "∧",
-    "lor": "∨", "infty": "∞", "partial": "∂", "lfloor": "⌊", "rfloor": "⌋", "lceil": "⌈",
-    "rceil": "⌉", "pm": "±", "top": "⊤", "odot": "⊙",
+    "cdot": "·", "dots": "…", "times": "×", "le": "≤", "ge": "≥", "ne": "≠", "neg": "¬",
+    "land": "∧", "lor": "∨", "infty": "∞", "partial": "∂", "lfloor": "⌊", "rfloor": "⌋",
+    "lceil": "⌈", "rceil": "⌉", "pm": "±", "top": "⊤", "odot": "⊙",
 }  # fmt: skip
 ACCENTS = {"dot": "˙", "ddot": "¨", "hat": "^", "bar": "¯", "tilde": "~", "vec": "→"}
 SPACES = {",": "0.17em", ";": "0.28em", " ": "0.25em", "quad": "1em", "!": "0em", ":": "0.22em"}

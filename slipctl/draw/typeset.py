@@ -21,7 +21,7 @@ _ACCENTS = {"hat": "hat", "bar": "bar", "tilde": "tilde", "dot": "dot"}
 class Latex(Text):
     """Writes formulas as LaTeX."""
 
-    times, pi = r" \, ", r"\pi"
+    times, pi, dots = r" \, ", r"\pi", r"\dots"
 
     def symbol(self, name: str) -> str:
         """Write a name."""

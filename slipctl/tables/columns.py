@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from slipctl.block.units.unit_algebra import unit
 from slipctl.errors import BadInput
-from slipctl.tables.heads import is_offset, is_unit, unit_in_name
+from slipctl.tables.heads import is_offset, is_unit, other_unit_in_name, unit_in_name
 from slipctl.tables.table import Table
 
 
@@ -118,6 +118,11 @@ def unit_of_column(table: Table, column: str, told: str, wanted: str, notes: lis
                            " never overruled, leave out the wrong one")  # fmt: skip
     if named and len(said) == 1:
         notes.append(f"{column} is in {named} by its name")
+    if not said and wanted and (other := other_unit_in_name(column, wanted)):
+        raise BadInput(
+            f"{where} is in {other} by its name, and {wanted} is wanted, another dimension; say"
+            f" the unit behind its name, {column}[{wanted}], or convert it by an expression"
+        )
     return first
 
 

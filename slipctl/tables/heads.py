@@ -28,7 +28,9 @@ LETTERS = frozenset(
 
 IN_NAMES = {
     **dict.fromkeys(("kmh", "kph", "kmph", "kmperh"), "km/h"), "mph": "mph",
-    **dict.fromkeys(("mps", "mpers"), "m/s"), **dict.fromkeys(("rpm", "upm"), "rpm"),
+    **dict.fromkeys(("mps", "mpers"), "m/s"), **dict.fromkeys(("cms", "cmps"), "cm/s"),
+    "mmps": "mm/s", "fps": "ft/s", **dict.fromkeys(("knots", "kts"), "knot"),
+    **dict.fromkeys(("rpm", "upm"), "rpm"),
     **dict.fromkeys(("radps", "rads"), "rad/s"), **dict.fromkeys(("mps2", "mss"), "m/s^2"),
     **{n.lower(): n for n in ("bar", "mbar", "kPa", "hPa", "psi", "kN", "daN", "Nm", "kNm", "kW")},
     **dict.fromkeys(("percent", "pct", "prozent"), "%"),
@@ -107,8 +109,12 @@ def name_and_unit(head: str) -> tuple[str, str]:
 
 def words(name: str) -> list[str]:
     """Words of a name in small letters: TimeUS, time_us and time us are all time and us."""
-    parted = re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", " ", name)
-    return [w.lower() for w in re.split(r"[\W_]+", parted) if w]
+    found: list[str] = []
+    for word in re.split(r"[\W_]+", name):
+        known = word.lower() in IN_NAMES or word.lower() in IN_TIMES  # kN, degC are one word
+        parted = word if known else re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", " ", word)
+        found += parted.lower().split()
+    return found
 
 
 def unit_in_name(name: str, wanted: str) -> str:
@@ -120,6 +126,13 @@ def unit_in_name(name: str, wanted: str) -> str:
     found = {table[w] for w in (*parts[1:], *pairs) if w in table}
     fitting = [u for u in found if u not in ("degC", "degF") and dimension_equal(u, wanted)]
     return fitting[0] if len(fitting) == 1 else ""
+
+
+def other_unit_in_name(name: str, wanted: str) -> str:
+    """Unit that ends a name and is of another dimension than the wanted one, as in speed_rpm."""
+    last = IN_NAMES.get(words(name)[-1], "") if len(words(name)) > 1 else ""
+    kind = "K" if last in ("degC", "degF") else last
+    return "" if not last or unit_in_name(name, wanted) or dimension_equal(kind, wanted) else last
 
 
 def time_in_name(name: str) -> tuple[int, str] | None:

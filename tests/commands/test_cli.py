@@ -357,6 +357,26 @@ def test_list_by_topic_and_word(capsys: pytest.CaptureFixture[str]) -> None:
     assert "did you mean 'observer" in capsys.readouterr().err
 
 
+def test_each_gain_of_a_law_is_in_list_and_schema(capsys: pytest.CaptureFixture[str]) -> None:
+    """With the same meaning, unit, default and range; tables that stand several times say so."""
+    assert main(["schema"]) == 0
+    rules = json.loads(capsys.readouterr().out)["$defs"]["SlipLaw"]["allOf"]
+    assert main(["list", "kinds", "--json"]) == 0
+    rows = {r["name"]: r for r in json.loads(capsys.readouterr().out)["kinds"]}
+    for rule in rules:
+        kind, then = rule["if"]["properties"]["kind"]["const"], rule["then"]
+        row = rows[f"controllers.NAME.{kind}"]
+        assert (then["description"], list(then["properties"])) == (
+            row["doc"], [g["name"] for g in row["gains"]])  # fmt: skip
+        for gain in row["gains"]:
+            said = then["properties"][gain["name"]]["description"]
+            assert gain["meaning"]
+            assert all(gain[k] in said for k in ("meaning", "unit", "default", "range"))
+    assert {r["kind"] for r in rows.values()} >= {"pid", "sta", "lag", "noisy"}
+    assert [n for n, r in rows.items() if r["many"]][:2] == ["vehicle.cars", "rail.sections"]
+    assert rows["sensors.faults"]["kind"] == ""
+
+
 def test_a_shell_completes_commands_and_options(tmp_path: Path) -> None:
     pytest.importorskip("argcomplete")
 

@@ -258,6 +258,15 @@ def test_a_file_has_a_line_for_each_and_one_now_and_then(watched, quiet, now, ca
     assert caplog.messages == ["1/2 one", "one: 50 %, 31 s left", "one: 70 %, 27 s left", "2/2 two"]
 
 
+def test_the_time_in_which_a_run_is_built_is_not_taken_for_that_of_its_steps(now, caplog) -> None:
+    caplog.set_level("INFO", logger="slipctl")
+    shown = Progress(1, Terminal(False), quiet=False)
+    for seconds, share in ((0, 0.0), (300, 0.02), (31, 0.32)):
+        now[0] += seconds
+        shown("one", share)
+    assert caplog.messages[-1] == "one: 32 %, 70 s left"  # 31 s for 0.3
+
+
 @pytest.mark.parametrize(
     ("seconds", "said"),
     [(0, "0 s"), (89, "89 s"), (90, "2 min"), (300, "5 min"), (5399, "90 min"), (5400, "1.5 h")],

@@ -1,5 +1,6 @@
 """Showing blocks: formulas that mean what was computed, tables, differences, drawings."""
 
+import functools
 import itertools
 import math
 import random
@@ -346,6 +347,22 @@ def test_shift_registers_are_folded_to_one_line():
     assert show.latex(block).count("w}_{") < 12
     assert "w[15]+ = u" in text
     assert "w[16]" in text  # the table tells the shape
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_sum_of_elements_in_a_row_is_one_short_term(sign):
+    """The first two and the last stand for all; what comes before and behind stays."""
+    n = 16
+
+    @step(y=Output("1", "mean"))
+    def window(x=State("1", 0.0, "samples", shape=(n,)), u=Input("1", "input")):
+        return dict(x=ca.vertcat(x[1:], u)), dict(
+            y=(functools.reduce(lambda a, k: a + sign * x[k], range(n), u) + u * u) / n
+        )
+
+    s = "+" if sign > 0 else "-"
+    assert f"(u {s} x[0] {s} x[1] {s} ... {s} x[15] + u^2)/16" in show.text(window)
+    assert r"\dots" in show.latex(window)
 
 
 def test_blocks_that_are_no_scalar_formulas_are_shown_all_the_same():

@@ -14,6 +14,7 @@ from slipctl.block.units.unit_algebra import parse_quantity, unit
 from slipctl.models.trials import coasting
 from slipctl.run.logs.log_signals import source_of
 from slipctl.run.logs.recorded_log import Recording, read_recording
+from slipctl.tables.heads import other_unit_in_name, unit_in_name
 from slipctl.tables.layout import text_of
 
 V = [3.6 * v for v in speeds()][:400]
@@ -71,6 +72,7 @@ READ = {
     "lines of old Macs": (HEAD + rows(plain)).replace("\n", "\r"),
     "the head again": (HEAD + rows(plain)).replace("\n20.0;", f"\n{HEAD}20.0;"),
     "unit in a name": "time_ms,vKmh\n" + rows(lambda t, v, k: f"{1000 * t:.0f},{v:.2f}"),
+    "cm/s in a name": "t [s];v_cms\n" + rows(lambda t, v, k: f"{t:.1f};{v / 0.036:.1f}"),
     "unit behind in": "Zeit in s;v in km/std\n" + rows(plain),
     "unit behind a slash": "t/s;v/(km/h)\n" + rows(plain),
     "Fortran": HEAD + rows(lambda t, v, k: f"{t:.6E};{v:.8E}".replace("E", "D")),
@@ -95,6 +97,8 @@ REFUSED = {
                           "s would be 100 s from row to row"),
     "two units of time": ("time_ms [s];v [km/h]\n" + rows(plain), "its head s and its name ms"),
     "two units of speed": ("t [s];v_kmh [m/s]\n" + rows(plain), "never overruled"),
+    "another dimension in a name": ("t [s];v_rpm\n" + rows(plain), "in rpm by its name"),
+    "a temperature by its name": ("t [s];v_degC\n" + rows(plain), "in degC by its name"),
     "other units further on": (
         ("t;v\ns;km/h\n" + rows(plain)).replace("\n20.0;", "\nt;v\ns;m/s\n20.0;"), "line 203"),
     "a word": (HEAD + rows(plain).replace("30.0;", "30.0;12. Mai "), "'12. Mai .*' in line 302"),
@@ -146,6 +150,16 @@ def test_it_is_refused_with_row_and_cause(what: str, tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=said) as error:
         read(text, tmp_path / "log.csv")
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("name", "wanted", "unit", "other"), [
+    ("F_kN", "N", "kN", ""), ("TorqueNm", "N m", "Nm", ""), ("v_cms", "m/s", "cm/s", ""),
+    ("v_kN", "m/s", "", "kN"), ("v_degC", "m/s", "", "degC"), ("T_degC", "K", "", ""),
+    ("slip_percent", "1", "%", ""), ("bar", "m/s", "", ""), ("vKmh", "m/s", "km/h", ""),
+])  # fmt: skip
+def test_a_unit_in_a_name(name: str, wanted: str, unit: str, other: str) -> None:
+    """That of the wanted dimension, or another one that ends the name; a bare unit is a name."""
+    assert (unit_in_name(name, wanted), other_unit_in_name(name, wanted)) == (unit, other)
 
 
 @pytest.mark.parametrize("mark", [".", ","])

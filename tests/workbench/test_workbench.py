@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 import shutil
+from contextlib import nullcontext
 from itertools import pairwise
 from pathlib import Path
 
@@ -558,6 +559,22 @@ def test_what_is_no_sweep_is_refused(tmp_path, monkeypatch):
         openings.opening_of_name("empty")
     with pytest.raises(BadInput):
         openings.opening_of_name("nobody.csv")
+
+
+@pytest.mark.parametrize("loop", ["", ":pid", ":nobody"])
+def test_a_file_with_a_fault_opens_whatever_loop_is_named(tmp_path, monkeypatch, loop):
+    """The page shows the fault at its line; of a file without faults an unknown loop is refused."""
+    monkeypatch.chdir(tmp_path)
+    Path("bad.toml").write_text(METRO.read_text(encoding="utf-8").replace("38 t", "38 m"))
+    opening = openings.opening_of_name(f"bad.toml{loop}")
+    openings.check_opening(opening)
+    answers = openings.answers_of_opening(opening.name, opening.folder, compile=False)
+    head = answered(answers, kind="model")[-1][0]
+    assert head["broken"]
+    assert head["found"][0]["line"] > 1
+    shutil.copy(METRO, "bad.toml")
+    with pytest.raises(BadInput, match="nobody") if loop == ":nobody" else nullcontext():
+        openings.check_opening(opening)
 
 
 def test_a_file_in_a_folder_below_is_saved_where_it_is(tmp_path, monkeypatch):

@@ -12,10 +12,18 @@ from slipctl.models.vehicle.parts.declaration import Fault, Part, faults_off_tic
 class TrackBrake(Part):
     """Magnets that are lowered on the rails and rub along: they need no adhesion of the wheels."""
 
-    attraction: float = number("N", MISSING, "of all magnets to both rails", lo=1, hi=1e7)
-    friction: float = number("1", 0.2, "of a magnet on the rail, slow", lo=1e-3, hi=1)
-    fall: float = number("s/m", 0.03, "of that with speed, mu = friction/(1 + fall v)", lo=0, hi=1)
-    delay: float = number("s", 1.0, "from the start until they lie on the rails", lo=0, hi=60)
+    attraction: float = number(
+        "N", MISSING, "attraction of all magnets to both rails", lo=1, hi=1e7
+    )
+    friction: float = number(
+        "1", 0.2, "friction of a magnet on the rail at low speed", lo=1e-3, hi=1
+    )
+    fall: float = number(
+        "s/m", 0.03, "fall of the friction with speed, mu = friction/(1 + fall v)", lo=0, hi=1
+    )
+    delay: float = number(
+        "s", 1.0, "time from the start until the magnets lie on the rails", lo=0, hi=60
+    )
     above: float = number("m/s", 20 / 3.6, "speed below which they are lifted", lo=0.5, hi=50)
 
     def misfits(self) -> Iterator[Fault]:
@@ -27,16 +35,20 @@ class TrackBrake(Part):
 class DynamicBrake(Part):
     """Motors that brake their axles first; the actuator of an axle gives what they leave."""
 
-    torque: float = number("N m", MISSING, "largest of one axle", lo=1, hi=1e6)
+    torque: float = number("N m", MISSING, "largest torque of one axle", lo=1, hi=1e6)
     power: float | None = number(
-        "W", None, "largest of one axle; none given: it limits nothing", lo=1, hi=1e8
+        "W", None, "largest power of one axle; none given: no limit", lo=1, hi=1e8
     )
     axles: tuple[int, ...] | None = number(
         "1", None, "numbers of the axles that have it, 1 the first; none given: all", lo=1, hi=32
     )
     lag: float = number("s", 0.1, "time constant", lo=1e-3, hi=5)
-    fades_from: float = number("m/s", 10 / 3.6, "rim speed below which it fades", lo=0, hi=50)
-    fades_to: float = number("m/s", 3 / 3.6, "rim speed at which it is gone", lo=0, hi=50)
+    fades_from: float = number(
+        "m/s", 10 / 3.6, "rim speed below which the motors' brake fades", lo=0, hi=50
+    )
+    fades_to: float = number(
+        "m/s", 3 / 3.6, "rim speed at which the motors' brake is gone", lo=0, hi=50
+    )
     pause: float = number(
         "s", 3.0, "time for which it stays off an axle whose valves held or vented", lo=0, hi=600
     )

@@ -13,7 +13,11 @@ class Torsion(Part):
     """Axles that twist between their wheels, and between wheels and rotor."""
 
     stiffness: float = number(
-        "N m/rad", MISSING, "of an axle between its wheels, G pi d^4/(32 L)", lo=1e4, hi=1e9
+        "N m/rad",
+        MISSING,
+        "stiffness of an axle between its wheels, G pi d^4/(32 L)",
+        lo=1e4,
+        hi=1e9,
     )
     rotor: float | None = number(
         "kg m^2",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 
 from slipctl.block.text.formula import HIDDEN, Graph, Node, is_tie
 
@@ -22,11 +23,29 @@ def cut(text: str, limit: int) -> str:
     return f"{text[: limit - tail - 5]} ... {text[-tail:]}"
 
 
+LONG = 5
+"""Elements of one signal in a row, from which a sum leaves out those in the middle."""
+
+
+def _elements_in_row(terms: Sequence[tuple[bool, str, str]], at: int) -> int:
+    """How many terms from there on are x[k], x[k+1], ... of one signal, with one sign."""
+    name, _, index = terms[at][2].rstrip("]").partition("[")
+    if not index.isdigit():
+        return 1
+    many = 1
+    while at + many < len(terms):
+        wanted = (terms[at][0], f"{name}[{int(index) + many}]")
+        if (terms[at + many][0], terms[at + many][2]) != wanted:
+            break
+        many += 1
+    return many
+
+
 class Text:
     """Writes formulas as text, ``(r*F_a - T_b)/J``; LaTeX replaces single steps of it."""
 
     times, pi = "*", "pi"
-    signs = (" + ", " - ")
+    signs, dots = (" + ", " - "), "..."
     digits = 6
 
     def __init__(self, g: Graph) -> None:
@@ -95,26 +114,35 @@ class Text:
         return [(sign, node)]
 
     def sum(self, node: int) -> str:
-        """Write a sum."""
-        out = ""
-        for sign, n in self.terms(node, 1, top=True):
-            op, _, value, _ = self.g.nodes[n]
-            own, text, rank = 1, "", ATOM
-            if n in self.g.letters:
-                text = self.symbol(self.g.letters[n])
-            elif op == "const":
-                own, text = (-1 if value < 0 else 1), self.number(abs(value))
-            elif op in _PRODUCT_OPS and not self.is_log10(n):
-                own, text, rank = self.product(n)
+        """Write a sum; of elements that follow each other the first two and the last."""
+        terms = [self._term(sign, n) for sign, n in self.terms(node, 1, top=True)]
+        out, at = "", 0
+        while at < len(terms):
+            plus, text, _ = terms[at]
+            out += (self.signs[0 if plus else 1] if out else "" if plus else "-") + text
+            run = _elements_in_row(terms, at)
+            if run >= LONG and at + 1 < len(terms):
+                sign = self.signs[0 if plus else 1]
+                out += f"{sign}{terms[at + 1][1]}{sign}{self.dots}"
+                at += run - 1
             else:
-                text, rank = self.expand(n)
-            if rank <= SUM:
-                text = self.bracket(text)
-            if out:
-                out += self.signs[0 if sign * own > 0 else 1] + text
-            else:
-                out = text if sign * own > 0 else "-" + text
+                at += 1
         return out
+
+    def _term(self, sign: int, n: int) -> tuple[bool, str, str]:
+        """Whether a term is added, its text, and its name where it is a signal."""
+        op, _, value, name = self.g.nodes[n]
+        own, text, rank = 1, "", ATOM
+        if n in self.g.letters:
+            text = self.symbol(self.g.letters[n])
+        elif op == "const":
+            own, text = (-1 if value < 0 else 1), self.number(abs(value))
+        elif op in _PRODUCT_OPS and not self.is_log10(n):
+            own, text, rank = self.product(n)
+        else:
+            text, rank = self.expand(n)
+        text = self.bracket(text) if rank <= SUM else text
+        return sign * own > 0, text, name if op == "symbol" else ""
 
     def factors(self, node: int, top: bool = False) -> tuple[int, list[tuple[int, float]]]:
         """Sign and factors, with exponents, of a product."""

@@ -35,7 +35,11 @@ def list_options(p: ArgumentParser) -> None:
 
 def show_options(p: ArgumentParser) -> None:
     """Declare the options of ``slipctl show``."""
-    p.add_argument("name", metavar="NAME")
+    p.add_argument(
+        "name", metavar="NAME",
+        help="study, STUDY:LOOP[.PART], FILE.toml:LOOP, model, FILE:BLOCK, or an equation in"
+        " quotes",
+    )  # fmt: skip
     option(p, "--latex", "equations as LaTeX")
     option(p, "--graph", "block diagram as DOT")
     option(p, "--against OTHER", "show the differences from another NAME")
@@ -58,8 +62,8 @@ def open_options(p: ArgumentParser) -> None:
     """Declare the options of ``slipctl open``."""
     p.add_argument(
         "name", metavar="FILE.toml|STUDY[:LOOP]", nargs="?",
-        help="vehicle file or study to open (default: metro.toml, which is written if it does not"
-        " exist)",
+        help="vehicle file, study, folder of a sweep, or recorded log to open (default: metro.toml,"
+        " which is written if it does not exist)",
     )  # fmt: skip
     option(p, "--port N", "port on this machine (default: a free one)", type=int)
     option(p, "--no-browser", "only print the address")
@@ -70,8 +74,8 @@ def open_options(p: ArgumentParser) -> None:
 
 def copy_options(p: ArgumentParser) -> None:
     """Declare the options of ``slipctl copy``."""
-    p.add_argument("model", metavar="MODEL")
-    p.add_argument("file", metavar="FILE")
+    p.add_argument("model", metavar="MODEL", help="model to copy, by its name in slipctl list")
+    p.add_argument("file", metavar="FILE", help="file to write, such as my_law.py")
     option(p, "--json", AS_JSON)
 
 

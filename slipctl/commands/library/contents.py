@@ -5,17 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import textwrap
-from collections.abc import Sequence
 from dataclasses import MISSING, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from slipctl.errors import BadInput, nearest
 from slipctl.study import resolve
 from slipctl.study.files import trip_files
-from slipctl.study.report.texts import number
-
-if TYPE_CHECKING:
-    from slipctl.block.signals import Signal
 
 TOPICS = ("studies", "models", "kinds")
 """What can be listed; kinds are those of the parts of a vehicle's file."""
@@ -55,23 +50,28 @@ def topic_rows(topic: str, word: str) -> list[Row]:
 
 
 def kinds() -> list[Row]:
-    """Kinds of the parts of a vehicle's file, each with the table where it stands and its keys."""
+    """Kinds of the parts of a vehicle's file, each with the table where it stands and its keys.
+
+    Each row has in ``many`` whether the table may stand several times, and in ``kind`` what chooses
+    it where a table has several forms.
+    """
     from slipctl.study.files import declared_parts
 
     files = trip_files.vehicle_files()
     rows: list[Row] = []
     seen: set[tuple[str, str]] = set()
 
-    def row_of(where: str, kind: str, cls: type) -> Row:
+    def row_of(where: str, kind: str, cls: type, many: bool) -> Row:
         needed = [k.name for k in fields(cls) if k.default is MISSING
                   and k.default_factory is MISSING]  # fmt: skip
         row: Row = {
-            "name": f"{where}.{kind}" if kind else where,
+            "name": f"{where}.{kind}" if kind else where, "kind": kind, "many": many,
             "doc": (cls.__doc__ or "").partition("\n")[0],
-            "keys": [vars(k) for k in declared_parts.keys_of(cls)], "needed": needed,
+            "keys": [vars(k) for k in declared_parts.keys_of(cls) if not kind or k.name != "kind"],
+            "needed": needed,
         }  # fmt: skip
         if where.startswith("controllers") and (law := files.law_of_kind(kind)) is not None:
-            row |= {"doc": law[0], "gains": _gains(law[1])}
+            row |= {"doc": law[0], "gains": [vars(k) for k in trip_files.gain_keys(law[1])]}
         return row
 
     def of(part: type, path: str) -> None:
@@ -82,12 +82,14 @@ def kinds() -> list[Row]:
             where = f"{path}{f.name}" + (".NAME" if f.name == "controllers" else "")
             classes = [c for one in declared_parts.options(inner) for c in (one, *_items(one))
                        if isinstance(c, type) and hasattr(c, "__dataclass_fields__")]  # fmt: skip
-            by_kind = declared_parts.kinds(classes)
+            listed = {c for one in declared_parts.options(inner) for c in _items(one)}
+            named = [c for c in classes if f.name == "controllers" or c not in listed]
+            by_kind = declared_parts.kinds(named)
             plain = [("", c) for c in classes if c not in by_kind.values()]
             for kind, cls in (*by_kind.items(), *plain):
                 if (f.name, kind) not in seen:
                     seen.add((f.name, kind))
-                    rows.append(row_of(where, kind, cls))
+                    rows.append(row_of(where, kind, cls, cls in listed))
             for cls in classes:
                 if not f.name.startswith(("controllers", "reference")):
                     of(cls, f"{where}.")
@@ -99,16 +101,6 @@ def kinds() -> list[Row]:
 def _items(hint: Any) -> tuple[Any, ...]:
     """What a list of tables has in it."""
     return tuple(a for a in getattr(hint, "__args__", ()) if isinstance(a, type))
-
-
-def _gains(found: Sequence[Signal]) -> list[Row]:
-    """Gains of a law that a file may set, as keys; last names where they are alone."""
-    last = [s.name.rpartition(".")[2] for s in found]
-    return [
-        {"name": n if last.count(n) == 1 else s.name, "meaning": s.doc,
-         "unit": "" if s.unit == "1" else s.unit, "default": number(s.value), "range": ""}
-        for s, n in zip(found, last, strict=True)
-    ]  # fmt: skip
 
 
 def _has(row: Row, word: str) -> bool:

@@ -295,7 +295,7 @@ def keys_of(kind: Any) -> list[Key]:
     """Keys of a part that are no tables of their own, in their order."""
     found = []
     for f in fields(kind):
-        if f.name == "kind" or f.metadata.get("rest"):
+        if f.metadata.get("rest") or (f.name == "kind" and not f.metadata.get("doc")):
             continue
         meaning = str(f.metadata.get("doc", ""))
         choices = [a for c in options(hints(kind)[f.name]) if get_origin(c) is Literal
@@ -307,11 +307,19 @@ def keys_of(kind: Any) -> list[Key]:
     return found
 
 
+def description(key: Key) -> str:
+    """A key's meaning with its unit, range and default, for an editor."""
+    must = key.default == "must be given"
+    more = [f"unit {key.unit}" if key.unit else "", key.range,
+            key.default if must else f"default {key.default}"]  # fmt: skip
+    return f"{key.meaning} ({', '.join(filter(None, more))})"
+
+
 def _default(f: Field[Any]) -> str:
     if f.default is MISSING and f.default_factory is MISSING:
         return "must be given"
     value = f.default_factory() if callable(f.default_factory) else f.default
-    if value is None or value == "" or value == {} or value == []:
+    if value is None or (not isinstance(value, (bool, int, float)) and not value):
         return "none"
     if is_dataclass(value):
         kind = getattr(value, "kind", "")
@@ -321,7 +329,11 @@ def _default(f: Field[Any]) -> str:
 
 
 def _range(f: Field[Any]) -> str:
-    lo, hi = (f.metadata.get(end, math.inf) for end in ("lo", "hi"))
+    return range_text(*(f.metadata.get(end, math.inf) for end in ("lo", "hi")))
+
+
+def range_text(lo: float, hi: float) -> str:
+    """Range of a number in words; an end that is infinite is not told."""
     low, high = math.isfinite(lo), math.isfinite(hi)
     if low and high:
         return f"{lo:g} to {hi:g}"
@@ -329,13 +341,9 @@ def _range(f: Field[Any]) -> str:
 
 
 def _field(kind: Any, f: Field[Any], found: dict[str, Any]) -> dict[str, Any]:
-    said: dict[str, Any] = {}
-    unit = f.metadata.get("unit")
-    if f.metadata.get("doc"):
-        more = [f"unit {unit}"] if unit not in (None, "1") else []
-        more += [_range(f)] if _range(f) else []
-        more += [f"default {_default(f)}"] if _default(f) != "must be given" else [_default(f)]
-        said["description"] = f"{f.metadata['doc']} ({', '.join(more)})"
+    unit, doc = f.metadata.get("unit") or "1", f.metadata.get("doc")
+    plain = Key(f.name, doc, "" if unit == "1" else unit, _default(f), _range(f)) if doc else None
+    said: dict[str, Any] = {"description": description(plain)} if plain else {}
     either = list(_types(kind, f, found))
     return said | (either[0] if len(either) == 1 else {"anyOf": either})
 

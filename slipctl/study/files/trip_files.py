@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -21,7 +21,9 @@ from slipctl.study.files import equation_files
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
+    from slipctl.block.signals import Signal
     from slipctl.study.declaration import Study
+    from slipctl.study.files.declared_parts import Key
 
 
 def is_trip(path: str) -> bool:
@@ -149,11 +151,38 @@ def _loop(path: str, text: str, loops: Mapping[str, Block], name: str) -> Block:
         raise BadInput(_line(path, text, ("controllers", name), why)) from None
 
 
+def gain_keys(found: Sequence[Signal]) -> list[Key]:
+    """Gains of a law that a file may set, as keys; last names where they are alone."""
+    from slipctl.study.files.declared_parts import Key, range_text
+    from slipctl.study.report.texts import number
+
+    last = [s.name.rpartition(".")[2] for s in found]
+    return [
+        Key(n if last.count(n) == 1 else s.name, s.doc, "" if s.unit == "1" else s.unit,
+            number(s.value), range_text(s.lo, s.hi))
+        for s, n in zip(found, last, strict=True)
+    ]  # fmt: skip
+
+
+def _schema_of_gains(kind: str, doc: str, found: Sequence[Signal]) -> dict[str, Any]:
+    """What a controller of this kind may have: its law in a sentence, and each gain."""
+    from slipctl.study.files.declared_parts import description
+
+    given = {k.name: {"description": description(k)} for k in gain_keys(found)}
+    return {"if": {"properties": {"kind": {"const": kind}}, "required": ["kind"]},
+            "then": {"description": doc, "properties": given}}  # fmt: skip
+
+
 def schema_text() -> str:
     """JSON schema of such files, as text."""
     import json
 
     from slipctl.study.files import declared_parts
 
-    said = declared_parts.schema(vehicle_files().roots, "A vehicle on its way, as slipctl reads it")
+    files = vehicle_files()
+    said = declared_parts.schema(files.roots, "A vehicle on its way, as slipctl reads it")
+    for part in said["$defs"].values():
+        laws = {k: law for k in part["properties"].get("kind", {}).get("enum", ())
+                if (law := files.law_of_kind(k)) is not None}  # fmt: skip
+        part |= {"allOf": [_schema_of_gains(k, *law) for k, law in laws.items()]} if laws else {}
     return json.dumps(said, indent=1, ensure_ascii=False) + "\n"

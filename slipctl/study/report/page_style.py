@@ -44,7 +44,8 @@ figcaption { color: var(--soft); font-size: .9rem; max-width: 48rem; }
 .equations td:first-child { text-align: right; }
 .diagram { overflow-x: auto; } .diagram img { max-width: none; }
 math { font-size: 1.05rem; }
-pre { background: var(--fill); padding: .7rem .9rem; overflow-x: auto; font-size: .82rem; }
+pre { background: var(--fill); padding: .7rem .9rem; overflow-x: auto; font-size: .82rem;
+  white-space: pre-wrap; }
 details { margin: .4rem 0; } summary { cursor: pointer; }
 td details { margin: 0; } td summary { list-style: none; white-space: nowrap; }
 td summary::after { content: " ?"; color: var(--soft); font-size: .8em; }

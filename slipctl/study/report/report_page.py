@@ -201,8 +201,8 @@ def _metrics(results: Results) -> str:
             out.append(table([head[k] for k in group], shown, range(1, len(group))))
         if any(best for _, best in rows):
             out.append(
-                '<p class="soft">Bold: the best of a row, of the loops that keep the limits'
-                " and stop where another one does; the bound is left out.</p>"
+                '<p class="soft">Bold: the best of a row. A loop that breaks a limit, or does not'
+                " stop where another one stops, is never the best, and the bound is left out.</p>"
             )
         if beside := sections_line(results, scenario):
             out.append(f'<p class="soft">{escape(beside)}.</p>')

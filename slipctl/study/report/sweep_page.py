@@ -45,7 +45,9 @@ def page(sweeps: Mapping[str, Sweep], command: str) -> str:
         sweeps: what ran, by loop. command: the command line.
     """
     first = next(iter(sweeps.values()))
-    title = f"Sweep of {first.about.get('loop', '')}" if len(sweeps) == 1 else "Sweep of all loops"
+    loop = str(first.about.get("loop", ""))
+    title = f"Sweep of {'all loops of ' if len(sweeps) > 1 else ''}"
+    title += loop.partition(":")[0] if len(sweeps) > 1 else loop
     sections = {
         "Limits": _limits(sweeps),
         "Pictures": _pictures(sweeps, command),
@@ -72,7 +74,7 @@ def _limits(sweeps: Mapping[str, Sweep]) -> str:
             continue
         low, high = (f"{100 * v:.3g}" for v in kept.interval)
         rows.append([name, f"{kept.within} of {kept.runs}", f"{low} to {high} %",
-                     *(str(kept.fails[n] or "–") for n in limits)])  # fmt: skip
+                     *(str(kept.fails[n]) for n in limits)])  # fmt: skip
     units = next(iter(sweeps.values())).units
     head = ["loop", "within all limits", "95 % interval of the share"]
     for n, limit in limits.items():

@@ -86,6 +86,11 @@ def check_opening(opening: Opening) -> None:
         read_recording(opening.name)
         return
     asked = Request.read(opening.name)
+    if asked.home.endswith(".toml"):
+        try:
+            _ = asked.loop and asked.cases
+        except BadInput:  # the page marks the faults at their lines
+            return
     if asked.loop:
         _ = asked.declared
     elif not asked.home.endswith(".toml"):

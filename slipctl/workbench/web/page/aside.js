@@ -37,5 +37,5 @@ export function listenAside(talk, about, plots) {
   at("effects-ask").addEventListener("click", () => { effects = []; showEffects([], "working it out"); talk.ask("effects", about()); });
   at("c-ask").addEventListener("click", () => { fill(at("c"), "writing, compiling, replaying"); talk.ask("c", about()); });
   at("c-board").addEventListener("click", () => { fill(at("c"), "writing, compiling, running it on the emulated board"); talk.ask("c", { ...about(), target: "cortex-m4" }); });
-  return new Signals(talk, about);
+  return new Signals(talk, about, plots);
 }

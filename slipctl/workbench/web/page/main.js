@@ -168,7 +168,7 @@ talk.on("run", (head, columns) => {
     tell(head.faults[0]);
     showWarnings(head.faults);
   } else if (head.rows) {
-    const curves = curvesOf(head, columns);
+    const curves = { ...curvesOf(head, columns), guest: Boolean(model?.log) };  // a recorded log is no run
     at("shown").hidden = true;
     const many = Math.max(0, ...curves.panels.flatMap((p) => p.series.map((/** @type {any} */ s) => s.axle)));
     if (many !== at("axle").options.length - 1) {
