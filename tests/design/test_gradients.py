@@ -164,11 +164,13 @@ def test_what_has_no_slope(names: list[str], scenario: Scenario, said: str) -> N
         Slopes(world(scenario=scenario), names)
 
 
-def tuned(change: Callable[[Any], Any] = lambda F: F, goal: str = "speed_error_rms") -> Tuned:
+def tuned(
+    change: Callable[[Any], Any] = lambda F: F, goal: str = "speed_error_rms", runs: int = 60
+) -> Tuned:
     return tune(
         loop(change), {"ctl.K": (1, 90), "ctl.T_I": (0.05, 5)}, goal,
         Ensemble({"car.m": "2kg:4kg"}), scenario=SCENARIO, signals=SIGNALS, known=KNOWN,
-        samples=4, held_out=2, runs=60, compile=False, jobs=1,
+        samples=4, held_out=2, runs=runs, compile=False, jobs=1,
     )  # fmt: skip
 
 
@@ -192,7 +194,7 @@ def test_the_search_ends_along_the_slope(monkeypatch: pytest.MonkeyPatch) -> Non
 
 @pytest.mark.second
 def test_it_says_why_there_is_no_slope() -> None:
-    assert "a sign in it changes" in page.text(tuned(lambda F: F + 0.1 * ca.sign(F - 5)))
-    found = tuned(goal="speed_error_max")
+    assert "a sign in it changes" in page.text(tuned(lambda F: F + 0.1 * ca.sign(F - 5), runs=20))
+    found = tuned(goal="speed_error_max", runs=20)
     assert found.polished is not None
     assert found.polished.text() == "no exact gradient: speed_error_max has no slope"
