@@ -43,8 +43,8 @@ TEST = 0.7
 RUNS_UP = 2.0
 """Acceleration of a rim in m/s^2 by which an axle that is let go runs up, as on a rail of 0.01."""
 
-RUN_UP = 0.5
-"""Seconds within which a wheel without torque has run up, so that it rolls."""
+RUN_UP = 0.2
+"""Seconds for which a wheel is without torque before it is taken for one that rolls."""
 
 AGAIN = 60.0
 """Seconds for which an axle that ran up is not asked again: on leaves leading axles slide alone."""
