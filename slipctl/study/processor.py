@@ -330,10 +330,13 @@ def _signals_move(
 
 
 def _close(a: float | None, b: float | None, moved: float) -> bool:
-    """Whether two values of a metric are one, up to twice what storing floats moves it by."""
+    """Whether two values of a metric are one, up to twice what storing floats moves it by.
+
+    Less than 1e-9 of its unit is rounding: the error of the energy is nothing else.
+    """
     if a is None or b is None:
         return a is b
-    return bool(abs(a - b) <= max(METRIC * max(abs(a), abs(b)), 2 * moved))
+    return bool(abs(a - b) <= max(METRIC * max(abs(a), abs(b)), 2 * moved, TRAJECTORY))
 
 
 def _statuses(loop: Block, part: str, python: Any) -> np.ndarray:

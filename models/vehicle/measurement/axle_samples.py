@@ -43,7 +43,7 @@ TEST = 0.7
 RUNS_UP = 2.0
 """Acceleration of a rim in m/s^2 by which an axle that is let go runs up, as on a rail of 0.01."""
 
-RUN_UP = 0.2
+RUN_UP = 0.5
 """Seconds for which a wheel is without torque before it is taken for one that rolls."""
 
 AGAIN = 60.0
@@ -84,7 +84,7 @@ def axle_signals(n: int) -> list[Signal]:
         learnt=State("s", 0.0, "time that it was learnt in", shape=each),
         mean=State("rad/s", "omega_start", "wheel speed, filtered", shape=each),
         still=State("s", 0.0, "time that a wheel let go has not run up in", shape=each),
-        freed=State("s", 0.0, "time without a torque", shape=each),
+        freed=State("s", NEVER, "time without a torque", shape=each),
         up=State("s", 0.0, "time left in which one that has run up speaks", shape=each),
         doubt=State("s", 0.0, "time that it has been sliding alone; below 0 after it ran up",
                     shape=each),
