@@ -114,8 +114,9 @@ def test_eva_proves_the_command_of_an_axle_whatever_its_slip_control_says(
         (tmp_path / name).write_text(seen)
     said = subprocess.run(
         ["frama-c", "-machdep", "gcc_x86_64", "-eva", "-eva-slevel", "200",
-         "-warn-special-float", "none", "-eva-auto-loop-unroll", "8", "main.c", "metro.c"],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
+         "-warn-special-float", "none", "-eva-auto-loop-unroll", "8",
+         f"{tmp_path}/main.c", f"{tmp_path}/metro.c"],
+        capture_output=True, text=True, check=False,
     ).stdout  # fmt: skip
     assert re.search(r"Assertions +4 valid +0 unknown +0 invalid", said), said[-3000:]
     assert "0 alarms generated" in said
