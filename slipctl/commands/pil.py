@@ -17,8 +17,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
     out = Path(options.out) if options.out else None
     if out is not None:
         store.check_file(out)
-    tried = len(processor.ROUNDINGS) - (options.real == "double")  # in double where they are needed
-    progress = Progress(2 + tried * (not options.faults), sys.stderr, options.quiet)
+    floats = len(processor.ROUNDINGS) if options.real == "float" and not options.faults else 0
+    progress = Progress(2 + floats, sys.stderr, options.quiet)
     try:
         found = processor.compare(
             options.name, options.target, options.real, options.faults, out, options.seconds,

@@ -14,7 +14,6 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.block.transforms.discretisation import runs_of_part
 from slipctl.ccode import codegen
-from slipctl.ccode.check import float_error
 from slipctl.ccode.check.processor import load
 from slipctl.ccode.check.processor.in_loop import FAULTS, Stored, run_in_loop
 from slipctl.ccode.check.processor.rig import Rig
@@ -33,10 +32,7 @@ from slipctl.study.declaration import Study
 from slipctl.study.request import Request
 
 TRAJECTORY = 1e-9
-"""Largest difference from Python in double, relative to the largest value of a signal. Or twice
-what it moves by where the controller's numbers are a unit in the last place beside: so far do the
-exp and log of two mathematics libraries differ, and a loop that decides by them goes on from there.
-"""
+"""Largest difference from Python in double, relative to the largest value of a signal."""
 
 METRIC = 0.01
 """Largest relative difference of a metric in float; or twice what it moves by where the controller
@@ -71,8 +67,6 @@ class Comparison:
             f"  largest difference from Python outside the controller {d['signals'][worst]:.3g} of"
             f" the largest value ({worst})",
         ]
-        if (move := d["signals_move"].get(worst, 0.0)) > TRAJECTORY:
-            lines.append(f"  a unit in the last place of the controller moves it by {move:.3g}")
         for name, (python, target) in d["metrics"].items():
             move = d["metrics_move"].get(name, 0.0)
             said = f", moves by {move:.2g} with roundings" if move else ""
@@ -105,8 +99,7 @@ def compare(
 ) -> Comparison:
     """Run a loop of a study with its controller on a processor, and compare.
 
-    In double the trajectory must be that of Python to 1e-9 of the largest value of each signal, or
-    to twice what a unit in the last place moves it by where exp and the like are called. In
+    In double the trajectory must be that of Python to 1e-9 of the largest value of each signal. In
     float each metric to 1 %, or to twice what storing floats moves it by. Every tick must have the
     status that the guards of the C have by the run in Python. With faults each of them must be told
     by the status. In the last tenth of the run the slip must be that of the undisturbed run to
@@ -174,10 +167,9 @@ def _counted(steps: Sequence[int]) -> dict[str, Any]:
 
 def _failed(data: Mapping[str, Any]) -> list[str]:
     """What is not as it must be; a NaN is not."""
-    failed, faults, moved = [], data["faults"], data["signals_move"]
-    differences = data["signals"].items()
-    apart = [n for n, d in differences if not d <= max(TRAJECTORY, 2 * moved.get(n, 0.0))]
-    if not faults and data["real"] == "double" and apart:
+    failed, faults = [], data["faults"]
+    differences = data["signals"].values()
+    if not faults and data["real"] == "double" and not all(d <= TRAJECTORY for d in differences):
         failed.append("trajectory")
     if not faults and data["metrics_differ"]:
         failed.append("metrics")
@@ -236,18 +228,15 @@ def _judged(
     differences = {n: _difference(python[n].values, got.data[n].values) for n in outside}
     metrics, here = _metrics(study, case, python), _metrics(study, case, got.data)
     pairs = {n: (m, here.get(n)) for n, m in metrics.items()}
-    moved, moves = {}, {}
+    moved = {}
     if real == "float" and not faults:
         moved = _moved(study, case, loop, part, params, metrics, report)
-    if real == "double" and not faults and any(d > TRAJECTORY for d in differences.values()):
-        moves = _signals_move(case, loop, part, params, python, outside, report)
     differ = [n for n, (a, b) in pairs.items() if not _close(a, b, moved.get(n, 0.0))]
     expected = _told(_statuses(loop, part, python), faults)
     numbers, counts = np.unique(got.status[got.status != 0], return_counts=True)
     return {
         "ticks": len(got.status),
         "signals": differences,
-        "signals_move": moves,
         "metrics": pairs,
         "metrics_move": moved,
         "metrics_differ": differ,
@@ -308,35 +297,11 @@ def _moved(
     return found
 
 
-def _signals_move(
-    case: Case, loop: Block, part: str, params: Mapping[str, Any], python: Any,
-    signals: Sequence[str], report: Callable[[str, float], object],
-) -> dict[str, float]:  # fmt: skip
-    """What each signal moves by where the controller's numbers are a unit in the last place beside.
-
-    None, where the controller calls no function that mathematics libraries round differently.
-    """
-    block = runs_of_part(loop, part).block
-    plan = Plan(block, part.replace(".", "_"))
-    if not float_error.inexact("".join(codegen.texts(plan)[f] for f in plan.files[1:])):
-        return {}
-    found = dict.fromkeys(signals, 0.0)
-    for seed in (s for s in ROUNDINGS if s is not None):
-        beside = Stored(block, params, seed, "double")
-        how = partial(report, f"a unit in the last place, seed {seed}")
-        got = run_in_loop(loop, part, case.scenario, beside, report=how).data
-        found = {n: max(d, _difference(python[n].values, got[n].values)) for n, d in found.items()}
-    return found
-
-
 def _close(a: float | None, b: float | None, moved: float) -> bool:
-    """Whether two values of a metric are one, up to twice what storing floats moves it by.
-
-    Less than 1e-9 of its unit is rounding: the error of the energy is nothing else.
-    """
+    """Whether two values of a metric are one, up to twice what storing floats moves it by."""
     if a is None or b is None:
         return a is b
-    return bool(abs(a - b) <= max(METRIC * max(abs(a), abs(b)), 2 * moved, TRAJECTORY))
+    return bool(abs(a - b) <= max(METRIC * max(abs(a), abs(b)), 2 * moved))
 
 
 def _statuses(loop: Block, part: str, python: Any) -> np.ndarray:

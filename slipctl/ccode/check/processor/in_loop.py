@@ -52,20 +52,15 @@ class Board(Protocol):
 
 
 class Stored:
-    """The block itself in double, with its numbers a little beside: what storing them does.
+    """The block itself in double, with inputs, outputs and states as floats: what storing does.
 
     Args:
         block: the part; params: its parameters.
         seed: None rounds to the nearest float. A number draws one of the two floats beside each
             value, which are the value on average; what stays keeps its float.
-        real: ``"float"``; in ``"double"`` a seed moves outputs and states by a unit in the last
-            place, but whole numbers, as another mathematics library does.
     """
 
-    def __init__(
-        self, block: Block, params: Mapping[str, Any], seed: int | None = None, real: str = "float"
-    ) -> None:
-        self._real = real
+    def __init__(self, block: Block, params: Mapping[str, Any], seed: int | None = None) -> None:
         self._f, self._x = block.f, start_state(block, params)
         self._p = ca.DM(block.pack("param", block.param_values(**params)))
         self._random = None if seed is None else np.random.default_rng(seed)
@@ -82,12 +77,7 @@ class Stored:
     def _float(self, role: str, value: np.ndarray) -> np.ndarray:
         if self._random is None:
             return round_to_real(value, "float")
-        draws = self._random.random(value.size)
-        if self._real == "float":
-            found = neighbour_float(value, draws)
-        else:
-            beside = np.nextafter(value, np.where(draws < 0.5, -np.inf, np.inf))
-            found = np.where((value % 1 == 0) | (role == "input"), value, beside)
+        found = neighbour_float(value, self._random.random(value.size))
         if role in self._last:
             before, given = self._last[role]
             found = np.where(value == before, given, found)
