@@ -167,7 +167,7 @@ def _axles(
         rows.append(dict(
             omega_h=omega, out=a.out, good=good, radius=a.radius, learnt=a.learnt, mean=a.mean,
             still=if_else(logic_or(wrong, a.dead), 0, a.still), doubt=a.doubted, ban=ban, up=a.up,
-            torque=a.modelled, odd=a.odd,
+            freed=a.freed, torque=a.modelled, odd=a.odd,
         ))  # fmt: skip
         told.append(dict(
             # a wheel of which nothing is known any more is taken for one that rolls

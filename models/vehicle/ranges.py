@@ -94,8 +94,8 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
         "trust.demand_h": far,
         "trust.demand": far,
         **{f"trust.{n}": time
-           for n in ("out", "good", "still", "odd", "off", "on", "back", "age", "demand_out",
-                     "let_go")},
+           for n in ("out", "good", "still", "freed", "odd", "off", "on", "back", "age",
+                     "demand_out", "let_go")},
         "trust.ban": (0, 10, "it is set to that"),
         "trust.up": (0, SPEAKS, "it is set to that"),
         "trust.rest": (0, 10, "it is set to that"),

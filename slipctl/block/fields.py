@@ -22,6 +22,9 @@ Body = Any
 """Function of dictionaries (x, u, p) of expressions, giving (x' or x+, outputs)."""
 Rebuild = Callable[..., "Block"]
 
+VectorNames = Mapping[str, Mapping[str, tuple[str, Mapping[int, str]]]]
+"""By Function and argument or result: what its vector is, and names of numbers in it."""
+
 ROLES = ("state", "input", "param", "output")
 
 
@@ -75,6 +78,7 @@ class Composition:
             long for them, say. What else its making refuses is no matter of numbers.
         solves: lines of the problem that it solves, and the blocks that these speak of.
         split: for a step whose tick may be made in two, how.
+        vector_names: what the numbers are in vectors of the Functions inside it.
     """
 
     parts: dict[str, Block] = field(default_factory=dict)
@@ -88,6 +92,7 @@ class Composition:
     guard: Callable[[Mapping[str, Any]], None] | None = None
     solves: tuple[Sequence[tuple[str, str]], Mapping[str, Block]] | None = None
     split: Split | None = None
+    vector_names: VectorNames = field(default_factory=dict)
 
     @classmethod
     def around(cls, block: Block, rebuild: Rebuild | None, **more: Any) -> Composition:

@@ -65,13 +65,13 @@ class Report:
         if d["compiled"]:
             lines.append(f"  one instance: {d['memory_bytes']['state']} bytes of state")
             largest, of = expected_outputs.largest_relative(d["signals"])
-            not_each = [n for n, s in d["signals"].items() if s["compared"] == "envelope"]
-            range_alone = f"; of {len(not_each)} signals the range alone" * bool(not_each)
-            asked = ", ".join(n for n in not_each if "." not in n)
-            range_alone += f", among them {asked}" * bool(asked)
+            left = "".join(
+                _left_out(said, [n for n, s in d["signals"].items() if s["compared"] == how])
+                for how, said in (("envelope", "the range alone"), ("nothing", "nothing"))
+            )
             lines.append(
                 f"  {d['ticks']} ticks replayed, largest difference from Python"
-                f" {largest:.3g} of the largest value ({of}){range_alone}:"
+                f" {largest:.3g} of the largest value ({of}){left}:"
                 f" {'passed' if d['passed'] else 'FAILED'}"
             )
             lines.append(f"  {coverage.summary(d['coverage'])}")
@@ -106,3 +106,10 @@ class Report:
             ]
             lines += [f"  {k.replace('_', ' ')}: {v}" for k, v in d.get("isolation", {}).items()]
         return "\n".join(lines)
+
+
+def _left_out(said: str, names: list[str]) -> str:
+    """Of how many signals not every tick is compared, with the commands among them by name."""
+    asked = ", ".join(n for n in names if "." not in n)
+    told = f"; of {len(names)} signals {said}" + f", among them {asked}" * bool(asked)
+    return told * bool(names)

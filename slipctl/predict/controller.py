@@ -25,6 +25,7 @@ from slipctl.predict.stages.exact_hessian import Curved
 from slipctl.predict.stages.horizon import Horizon, Soft
 from slipctl.predict.stages.linear_stage import stage_functions
 from slipctl.predict.stages.stage_lengths import STRETCH, plan_shift
+from slipctl.predict.vector_names import vector_names
 
 STATUS = {0: "solved", 1: "not settled", 2: "broken", 3: "limits given up"}
 """What the output ``status`` says, in words."""
@@ -234,6 +235,7 @@ class Controller:
                 "horizon": N, "iterations": self.iterations, "solver": self.solver,
             },
             solves=(self.lines(plant.name, h, over), {b.name: b for b in told}),
+            vector_names=vector_names(self.h, self.qp),
             split=Split(PREPARE, "prepared", tuple(s.name for s in self.given()), AHEAD)
             if self.split else None,
         )  # fmt: skip

@@ -43,6 +43,9 @@ TEST = 0.7
 RUNS_UP = 2.0
 """Acceleration of a rim in m/s^2 by which an axle that is let go runs up, as on a rail of 0.01."""
 
+RUN_UP = 0.5
+"""Seconds for which a wheel is without torque before it is taken for one that rolls."""
+
 AGAIN = 60.0
 """Seconds for which an axle that ran up is not asked again: on leaves leading axles slide alone."""
 
@@ -81,6 +84,7 @@ def axle_signals(n: int) -> list[Signal]:
         learnt=State("s", 0.0, "time that it was learnt in", shape=each),
         mean=State("rad/s", "omega_start", "wheel speed, filtered", shape=each),
         still=State("s", 0.0, "time that a wheel let go has not run up in", shape=each),
+        freed=State("s", NEVER, "time without a torque", shape=each),
         up=State("s", 0.0, "time left in which one that has run up speaks", shape=each),
         doubt=State("s", 0.0, "time that it has been sliding alone; below 0 after it ran up",
                     shape=each),
@@ -201,7 +205,9 @@ class AxleSample:
         now = v / if_else(fabs(self.omega) > 1, self.omega, 1)  # at least 3 m where it stands
         near = fabs(now - s["r"]) <= WORN * s["r"]
         usable = all_hold([self.taken, sure, fabs(v) > 3, near])
-        rolls = all_hold([usable, self.free, fabs(self.gain) < 3])
+        # on leaves a wheel runs up so slowly that for a while it looks like one that rolls
+        self.freed = time_without_break(self.free, s["freed"][k], s["T"])
+        rolls = all_hold([usable, self.freed > RUN_UP, fabs(self.gain) < 3])
         ahead = all_hold([usable, passes, logic_not(known), logic_not(rolls)])
         radius, self.learnt = taught_mean(s["radius"][k], now, s["learnt"][k], rolls, s["T"], 1.0)
         self.radius = if_else(ahead, s["radius"][k] + fmin(2 * s["T"], 1) * (now - s["radius"][k]),

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from slipctl.block.block import Block
+from slipctl.block.fields import VectorNames
 from slipctl.ccode.module.parts import Parts
 from slipctl.ccode.module.wires import Place, Wires
 from slipctl.ccode.passes.precision import tolerant
@@ -43,6 +44,7 @@ class Kernel:
         functions: C functions that ``lines`` call, by name: those of the parts, and what they call.
         ticks: from one run to the next, by the function of a part that does not run in every tick.
         arrays: names and sizes of those that lie in the scratch memory, by function.
+        enums: what a vector is, and the place of a number in it, by the number's name.
     """
 
     lines: tuple[Node, ...] = ()
@@ -58,6 +60,7 @@ class Kernel:
     letters: frozenset[str] = frozenset()
     ticks: Mapping[str, int] = field(default_factory=dict)
     arrays: Mapping[str, Arrays] = field(default_factory=dict)
+    enums: Mapping[str, tuple[str, int]] = field(default_factory=dict)
 
 
 def kernel(
@@ -112,6 +115,7 @@ def by_parts(
     results: Sequence[Place],
     docs: Mapping[str, str],
     can_be: Callable[[Place, int], int],
+    vector_names: VectorNames,
 ) -> Kernel:
     """Make the C text of a block, a function for each of its parts.
 
@@ -122,11 +126,12 @@ def by_parts(
         results: places of next states and outputs, in order.
         docs: comment by name of a nested Function.
         can_be: what an element of an argument can be.
+        vector_names: what numbers in the vectors of Functions are.
 
     Raises:
         Unsupported: an operation that is left to CasADi's text.
     """
-    functions = Functions(_branches, docs)
+    functions = Functions(_branches, docs, vector_names=vector_names)
     parts = Parts(functions, types, can_be)
     parts.add(block, "", wires)
     places = [(i, m, p, k) for i, (m, p) in enumerate(results) for k in range(m.size)]
@@ -137,7 +142,7 @@ def by_parts(
         frozenset((i, k) for i, m, p, k in places if parts.known.get((m.c, p, k)) == FINITE),
         work=(0, 0, 0, made.numbers), helpers=frozenset(functions.helpers),
         functions=made.made, letters=frozenset(functions.letters), ticks=parts.ticks,
-        arrays=made.arrays,
+        arrays=made.arrays, enums=functions.enums,
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
+from slipctl.block.fields import VectorNames
 from slipctl.block.transforms.discretisation import counters
 from slipctl.ccode.module.kernel import Kernel, by_parts, kernel
 from slipctl.ccode.module.layout import LOCAL, Layout, Member, constant, dense_value, layout, matrix
@@ -101,7 +102,10 @@ class Plan:
             return NUMBER if place[1] == "param->" else FINITE
 
         types = {k: _declared(text) for k, text in self.types.items()}
-        return by_parts(self.block, wires, types, self.results, self.docs, can_be)
+        named: VectorNames = {}
+        for _, leaf in self.block.leaves():  # of several problems the first has names
+            named = {**leaf.composition.vector_names, **named}
+        return by_parts(self.block, wires, types, self.results, self.docs, can_be, named)
 
     @property
     def files(self) -> tuple[str, ...]:

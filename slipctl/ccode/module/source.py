@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from textwrap import fill
 from typing import Any
 
 import casadi as ca
 
 from slipctl.ccode.module import guard, rates, tick_counter
-from slipctl.ccode.module.comments import comment
+from slipctl.ccode.module.comments import WIDTH, comment
 from slipctl.ccode.module.guard_functions import (
     catch_up,
     check_inputs,
@@ -96,11 +97,25 @@ def sources(plan: Plan, section: str | None = None) -> dict[str, str]:
         told = f"The parts of {n}, in the order of the wires; {file} alone includes this file."
         opening = [c.remark(told), c.raw(f"#ifndef {mark}\n#define {mark}"),
                    c.raw(f'#include "{n}.h"')]  # fmt: skip
-        whole = [*shared, *small, *parts.values(), c.raw(f"#endif /* {mark} */")]
+        whole = [*_enums(plan), *shared, *small, *parts.values(), c.raw(f"#endif /* {mark} */")]
         found[headers[-1]] = finished(headers[-1], opening, ["math", "stdbool"], whole)
     libraries = ["float", "math", "stdbool"]
     whole = [*before, *own, *tests, *around]
     return found | {file: finished(file, [c.raw(openings)], libraries, whole)}
+
+
+def _enums(plan: Plan) -> list[Node]:
+    """Places of numbers in vectors, a group for what each vector is."""
+    groups: dict[str, list[tuple[int, str]]] = {}
+    for name, (what, at) in plan.equations.enums.items():
+        groups.setdefault(what, []).append((at, name))
+    lines = [
+        fill(", ".join(f"{name}={at}" for at, name in sorted(rows)), WIDTH - len(rows),
+             initial_indent="enum { ", subsequent_indent="    ").replace("=", " = ") + " };"
+        for _, rows in sorted(groups.items())
+    ]  # fmt: skip
+    told = "Where numbers lie in the vectors of the plan and of its quadratic program."
+    return [c.remark(told), c.raw("\n".join(lines))] if lines else []
 
 
 _NAN_IS_SEEN = """#if defined(__FAST_MATH__) \\

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
+from slipctl.block.fields import VectorNames
 from slipctl.ccode.module.comments import comment
 from slipctl.ccode.module.layout import KEYWORDS, LOCAL
 from slipctl.ccode.passes.local_names import name_locals, with_inside
@@ -54,6 +55,8 @@ class Functions:
         reserved: names that are taken.
         pointers: those of them that are locals of a part; a function that it calls may have them.
         repeats: what Functions do again and again, if that is all, by their hash.
+        vector_names: what numbers in the vectors of Functions are.
+        enums: those that are read by a constant: what the vector is, and the place, by name.
     """
 
     branches: Branches
@@ -65,6 +68,8 @@ class Functions:
     reserved: set[str] = field(default_factory=lambda: {*LOCAL, *KEYWORDS, *HELPERS})
     pointers: set[str] = field(default_factory=set)
     repeats: dict[int, tuple[ca.Function, Again | None]] = field(default_factory=dict)
+    vector_names: VectorNames = field(default_factory=dict)
+    enums: dict[str, tuple[str, int]] = field(default_factory=dict)
 
     def name(self, f: ca.Function) -> str:
         """C name of a Function, which is written if it is not there yet.
@@ -108,7 +113,32 @@ class Functions:
         what = self.docs.get(f.name())
         told = comment(f"{f.name()}: {what}") if what else ""
         kind = f"static {'double' if returns else 'void'}"
+        lines = self._by_names(f, lines, inputs, outputs)
         return c.function(kind, name, given, [*unused, *lines], told)
+
+    def _by_names(
+        self, f: ca.Function, lines: list[C], inputs: Sequence[str], outputs: Sequence[str]
+    ) -> list[C]:
+        """Statements in which numbers of known vectors are read by what they are."""
+        known = self.vector_names.get(f.name(), {})
+        said = {n: known[f.name_in(i)] for i, n in enumerate(inputs) if f.name_in(i) in known}
+        said |= {n: known[f.name_out(i)] for i, n in enumerate(outputs) if f.name_out(i) in known}
+
+        def rule(x: C) -> C | None:
+            if x.kind != "index" or x.parts[0].kind != "name" or x.parts[0].head not in said:
+                return None
+            what, names = said[x.parts[0].head]
+            at = x.parts[1]
+            number = at.parts[0] if at.kind == "op" and at.head == "+" else at
+            if number.kind != "number" or int(number.head) not in names:
+                return None
+            named, place = f"{what}_{names[int(number.head)]}".upper(), (what, int(number.head))
+            if self.enums.setdefault(named, place) != place:
+                return None  # of another problem in the same module
+            to = c.name(named)
+            return c.index(x.parts[0], to if number is at else c.op(to, "+", at.parts[1]))
+
+        return [x.change(rule) for x in lines] if said else lines
 
     def _body(
         self, f: ca.Function, kind: str, inputs: Sequence[str], outputs: Sequence[str]

@@ -249,7 +249,7 @@ class ActiveSet:
         nu = self.h.nu
         return (
             ca.SX.sym("column", self.stage.size), ca.SX.sym("s", nu + self.h.nc),
-            ca.SX.sym("u", nu),
+            ca.SX.sym("control", nu),
             ca.SX.sym("earlier", nu), ca.SX.sym("bounds", 3 * nu + self.branches),
         )  # fmt: skip
 
@@ -276,7 +276,7 @@ class ActiveSet:
         P, p = ca.SX(self.nz, self.nz), ca.SX.zeros(self.nz)
         P[:nx, :nx] = ca.triu2symm(H) + C.T @ ca.diag(s) @ C
         p[:nx] = g + C.T @ (s * c)
-        return "qp_end", [e, s], [self._triangle(P), p], ["column", "s"], ["P", "p"]
+        return "qp_end", [e, s], [self._triangle(P), p], ["column", "s"], ["P", "slope"]
 
     def _triangle(self, P: Any) -> Any:
         P = ca.densify(P)
@@ -285,11 +285,11 @@ class ActiveSet:
     @remember_locals
     def _last_statuses(self) -> Any:
         """Function (x, column, statuses) -> (statuses, residual, excess) of the last stage."""
-        x, e = ca.SX.sym("x", self.h.nx), ca.SX.sym("column", self.end.size)
+        x, e = ca.SX.sym("point", self.h.nx), ca.SX.sym("column", self.end.size)
         s = ca.SX.sym("s", self.h.nc)
         _, g, c, C, _ = self.end.unpack(e)
         found = list(self._count(c + C @ x, C, s, g))
-        return "qp_last", [x, e, s], found, ["x", "column", "s"], ["status", "residual", "over"]
+        return "qp_last", [x, e, s], found, ["point", "column", "s"], ["status", "residual", "over"]
 
     def _count(self, r: Any, C: Any, s: Any, g: Any) -> tuple[Any, Any, Any]:
         """Statuses of the rows with excess r and slope C, residual, and excess of hard rows."""
@@ -331,7 +331,7 @@ class ActiveSet:
         """Function (P, p, column, statuses, u, earlier, bounds) -> (P, p, gains)."""
         nu = self.h.nu
         column, s, u, earlier, bounds = self._symbols()
-        triangle, p = ca.SX.sym("P", self.upper.nnz()), ca.SX.sym("p", self.nz)
+        triangle, p = ca.SX.sym("P", self.upper.nnz()), ca.SX.sym("slope", self.nz)
         t = self._unpack(column)
         sigma = ca.reshape(s[nu:], self.h.nc, 1)
         H = t.H + t.C.T @ ca.diag(sigma) @ t.C
@@ -354,7 +354,8 @@ class ActiveSet:
         return (
             "qp_backward", [triangle, p, column, s, u, earlier, bounds],
             [self._triangle(following), ca.densify(ahead), gains],
-            ["P", "p", "column", "s", "u", "earlier", "bounds"], ["P_before", "p_before", "gains"],
+            ["P", "slope", "column", "s", "control", "earlier", "bounds"],
+            ["P_before", "slope_before", "gains"],
         )  # fmt: skip
 
     @remember_locals
@@ -417,8 +418,8 @@ class ActiveSet:
                 ca.densify(after), ca.densify(x), dv, ca.densify(ca.vertcat(status, counts)),
                 ca.fmax(_most(wrong), flipped), over,
             ],
-            ["z", "gains", "column", "s", "u", "earlier", "bounds"],
-            ["z_after", "x_after", "dv", "statuses", "residual", "excess"],
+            ["z", "gains", "column", "s", "control", "earlier", "bounds"],
+            ["z_after", "point_after", "dv", "statuses", "residual", "excess"],
         )  # fmt: skip
 
 

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 
-from slipctl.block.text.intermediates import remember_locals
+from slipctl.block.text.intermediates import elements, function, remember_locals
 from slipctl.predict.qp.interior_tolerances import (
     EASE,
     EASE_OF_UNKNOWNS,
@@ -140,7 +140,7 @@ class Interior:
         of, nu, nz = self.of, self.h.nu, self.of.nz
         column, _, u, earlier, bounds = of._symbols()
         tied, target = ca.SX.sym("tied"), ca.SX.sym("target", 2)
-        triangle, p = ca.SX.sym("P", of.upper.nnz()), ca.SX.sym("p", nz)
+        triangle, p = ca.SX.sym("P", of.upper.nnz()), ca.SX.sym("slope", nz)
         a, pieces = self._symbols(self.m)
         t = of._unpack(column)
         P = ca.triu2symm(ca.SX(of.upper, triangle))
@@ -173,8 +173,8 @@ class Interior:
         return (
             "ip_backward", [triangle, p, column, tied, u, earlier, bounds, a, target],
             [of._triangle(following), ca.densify(ahead), gains],
-            ["P", "p", "column", "tied", "u", "earlier", "bounds", "a", "target"],
-            ["P_before", "p_before", "gains"],
+            ["P", "slope", "column", "tied", "control", "earlier", "bounds", "a", "target"],
+            ["P_before", "slope_before", "gains"],
         )  # fmt: skip
 
     @remember_locals
@@ -196,8 +196,8 @@ class Interior:
                 ca.densify(after), ca.densify(x), dv,
                 self._after(self.kinds, t.w, r, pieces, target),
             ],
-            ["z", "gains", "column", "u", "earlier", "bounds", "a", "target"],
-            ["z_after", "x_after", "dv", "rows"],
+            ["z", "gains", "column", "control", "earlier", "bounds", "a", "target"],
+            ["z_after", "point_after", "dv", "rows"],
         )  # fmt: skip
 
     @remember_locals
@@ -213,7 +213,8 @@ class Interior:
         P[:nx, :nx] = ca.triu2symm(H) + C.T @ ca.diag(W) @ C
         p[:nx] = g + C.T @ (W * (c - t0) + f)
         return (
-            "ip_end", [e, a, target], [of._triangle(P), p], ["column", "a", "target"], ["P", "p"]
+            "ip_end", [e, a, target], [of._triangle(P), p], ["column", "a", "target"],
+            ["P", "slope"],
         )  # fmt: skip
 
     @remember_locals
@@ -225,7 +226,7 @@ class Interior:
         _, _, c, C, w = of.end.unpack(e)
         c = ca.fmax(c, -FAR)
         after = self._after(self.last_kinds, w, c + C @ x, pieces, target)
-        return "ip_last", [x, e, a, target], [after], ["x", "column", "a", "target"], ["rows"]
+        return "ip_last", [x, e, a, target], [after], ["point", "column", "a", "target"], ["rows"]
 
     # ---- the whole ------------------------------------------------------------------------------
 
@@ -358,7 +359,7 @@ class Interior:
             e, R = self._rows(t_, u, earlier, bounds)
             r, w, given = e + R @ ca.vertcat(z, dv), t_.w, [z, dv, column, u, earlier, bounds]
         else:
-            x, column = ca.SX.sym("x", nx), ca.SX.sym("column", of.end.size)
+            x, column = ca.SX.sym("point", nx), ca.SX.sym("column", of.end.size)
             _, _, c, C, w = of.end.unpack(column)
             r, given = ca.fmax(c, -FAR) + C @ x, [x, column]
         l, s, t, n, at = [], [], [], [], 0
@@ -383,8 +384,9 @@ class Interior:
                 at += 1
         name = "ip_begin" if stage else "ip_begin_end"
         found = ca.densify(ca.vertcat(*l, *s, *t, *n))
-        names = ["z", "dv", "column", "u", "earlier", "bounds"] if stage else ["x", "column"]
-        return name, [*given, mean], [found], [*names, "mean"], ["rows"]
+        names = ["z", "dv", "column", "control", "earlier", "bounds"]
+        names = [*(names if stage else ["point", "column"]), "mean"]
+        return name, [*given, mean], [found], names, ["rows"]
 
     @remember_locals
     def _make_excess(self) -> Any:
@@ -397,7 +399,7 @@ class Interior:
         most = ca.SX(0)
         for row in rows:
             most = ca.fmax(most, row)
-        return "ip_excess", [x, dv, column], [most], ["x", "dv", "column"], ["excess"]
+        return "ip_excess", [x, dv, column], [most], ["point", "dv", "column"], ["excess"]
 
     def _statuses(self, stages: Any, last: Any) -> Any:
         """Statuses as the multipliers tell them, all stages in one column."""
@@ -417,9 +419,8 @@ class Interior:
         rows = [
             0 if kind == CAPPED else on[first + j] > 0 for j, kind in enumerate(self.last_kinds)
         ]
-        read = ca.Function(
-            "ip_statuses", [a], [ca.densify(ca.vertcat(*found, *rows))], ["a"], ["statuses"]
-        )  # fmt: skip
+        statuses = [ca.densify(ca.vertcat(*found, *rows))]
+        read = function(elements("on", on), "ip_statuses", [a], statuses, ["a"], ["statuses"])
         told: Any = read.map(self.h.stages)(stages)
         if any(self.of.tied):
             held = ca.repmat(ca.DM([[float(t) for t in self.of.tied]]), nu, 1)

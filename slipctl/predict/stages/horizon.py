@@ -252,7 +252,12 @@ class Horizon:
         """Symbols of state, control, held inputs and parameters."""
         return tuple(  # type: ignore[return-value]
             ca.SX.sym(n, k)
-            for n, k in (("x", self.nx), ("u", self.nu), ("d", self.nd), ("p", self.np_))
+            for n, k in (
+                ("point", self.nx),
+                ("control", self.nu),
+                ("d", self.nd),
+                ("numbers", self.np_),
+            )
         )
 
     def step(self) -> ca.Function:
@@ -261,8 +266,8 @@ class Horizon:
         f = expressions("nmpc", self.model)
         n, y = f(x, self._inputs(u, d), p)
         return ca.Function(
-            "stage_step", [x, u, d, p], [n, y], ["x", "u", "d", "p"], ["x_after", "y"],
-            {"cse": True},
+            "stage_step", [x, u, d, p], [n, y], ["point", "control", "d", "numbers"],
+            ["point_after", "y"], {"cse": True},
         )  # fmt: skip
 
     def _inputs(self, u: Any, d: Any) -> Any:
@@ -368,7 +373,9 @@ class Horizon:
         column = layout.pack(pieces)
         letters = {**_short(y), "r": r, "J": J, "c": c, "C": C}
         found = [e for n, v in letters.items() for e in elements(n, v)]
-        f = function(found, "rows", [x, u, d, q], [column], ["x", "u", "d", "q"], ["column"])
+        f = function(
+            found, "rows", [x, u, d, q], [column], ["point", "control", "d", "q"], ["column"]
+        )
         return f, layout.sparsity
 
     def end(self) -> tuple[ca.Function, Layout]:
@@ -384,7 +391,7 @@ class Horizon:
         letters = {**_short(y), "r": r, "J": J, "c": c, "C": C}
         found = [e for n, v in letters.items() for e in elements(n, v)]
         column = layout.pack(pieces)
-        return function(found, "end", [x, d, q], [column], ["x", "d", "q"], ["column"]), layout
+        return function(found, "end", [x, d, q], [column], ["point", "d", "q"], ["column"]), layout
 
 
 def _short(y: Mapping[str, Any]) -> dict[str, Any]:

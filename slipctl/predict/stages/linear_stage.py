@@ -64,7 +64,7 @@ def stage_functions(where: str, problem: Horizon) -> Linearised:
     whole = ca.vertcat(once_motion(q), once_rows(q))
     once = ca.Function("shared", [q], [whole], ["q"], ["column"])
     ends = [0, once_motion.size1_out(0), once.size1_out(0)]
-    sizes = {"x": problem.nx, "u": problem.nu, "d": problem.nd, "fixed": ends[-1]}
+    sizes = {"point": problem.nx, "control": problem.nu, "d": problem.nd, "fixed": ends[-1]}
     sizes |= {"after": problem.nx}
     x, u, d, c, following = (ca.MX.sym(n, k) for n, k in sizes.items())
     of_motion, of_rows = ca.vertsplit(c, ends)
@@ -77,11 +77,11 @@ def stage_functions(where: str, problem: Horizon) -> Linearised:
     column = ca.vertcat(
         ca.vec(S).nz[:], ca.vec(Su).nz[:], after - following, rows(x, u, d, of_rows)
     )
-    names = ["x", "u", "d", "fixed"]
+    names = ["point", "control", "d", "fixed"]
     stage = ca.Function(
-        "stage", [x, u, d, c, following], [column], [*names, "x_after"], ["column"]
+        "stage", [x, u, d, c, following], [column], [*names, "point_after"], ["column"]
     )  # fmt: skip
-    step = ca.Function("stage_step", [x, u, d, c], [after], names, ["x_next"])
+    step = ca.Function("stage_step", [x, u, d, c], [after], names, ["point_next"])
     return Linearised(once, stage, layout, step)
 
 
@@ -117,7 +117,7 @@ def _whole(_: str, problem: Horizon) -> ca.Function:
     q = ca.SX.sym("q", problem.nq)
     n, _y = problem.step()(x, u * ca.DM(problem.scale), d, q[: problem.np_])
     n, slopes = ca.densify(n), [ca.jacobian(n, x), ca.jacobian(n, u)]
-    names = ["x", "u", "d", "q"], ["x_next", "S", "Su"]
+    names = ["point", "control", "d", "q"], ["point_next", "S", "Su"]
     return ca.Function("motion", [x, u, d, q], [n, *slopes], *names, {"cse": True})
 
 
@@ -151,7 +151,7 @@ def _substep(where: str, problem: Horizon) -> ca.Function:
         at = after(start, way, rates[-1])
     total = tuple(sum(w * k[i] for w, k in zip(weights, rates, strict=True)) for i in range(3))
     n, S, Su = after(start, 1 / sum(weights), total)  # type: ignore[arg-type]
-    names = ["x", "u", "d", "q"], ["x_next", "S", "Su"]
+    names = ["point", "control", "d", "q"], ["point_next", "S", "Su"]
     return function(found, "motion", [x, u, d, q], [ca.densify(n), S, Su], *names)
 
 
