@@ -101,7 +101,7 @@ def test_each_metric_is_shown_for_each_loop(results, shown):
 
 def test_each_claim_has_its_verdict_tolerance_and_assumption(results, shown):
     verdicts = {v.claim.claim: v for v in execution.judge_all(results)}
-    (head, *rows), = shown.tables["claims"]
+    ((head, *rows),) = shown.tables["claims"]
     assert head == ["Claim", "Paper", "Ours", "Verdict", "Why"]
     assert len(rows) == len(verdicts) == 4
     for row in rows:
@@ -115,7 +115,7 @@ def test_each_claim_has_its_verdict_tolerance_and_assumption(results, shown):
 
 
 def test_rows_of_an_experiment_are_shown_up_to_forty(results, shown):
-    (head, *rows), = shown.tables["experiments"]
+    ((head, *rows),) = shown.tables["experiments"]
     table = results.table("seeds")
     assert shown.heads["experiments"] == ["Many seeds"]
     assert "How bad can it be?" in shown.words["experiments"]
@@ -125,7 +125,7 @@ def test_rows_of_an_experiment_are_shown_up_to_forty(results, shown):
     assert [float(r[1]) for r in rows] == pytest.approx(list(table["e"]), rel=1e-3)
     many = Table("More", {"k": ("1", range(43)), "v": ("m/s", [k / 2 for k in range(43)])})
     more = Sections(page(replace(results, tables={"seeds": {"": many}}), [], {}, ""))
-    (_, *rows), = more.tables["experiments"]
+    ((_, *rows),) = more.tables["experiments"]
     assert [float(r[1]) for r in rows] == [k / 2 for k in range(40)]
     assert "3 more rows are in tables.json" in more.words["experiments"]
     assert "claims" not in more.words
@@ -166,7 +166,7 @@ def test_each_loop_is_drawn_and_what_is_inside(shown):
 
 
 def test_where_it_comes_from_is_told_and_kept_for_machines(shown):
-    (_, *rows), = shown.tables["provenance"]
+    ((_, *rows),) = shown.tables["provenance"]
     assert rows[0] == ["Command", "slipctl run <toy>"]
     assert rows[1] == ["Seed by scenario", "base 1, noisy 7, experiments 1"]
     kept = json.loads(shown.script["provenance"])

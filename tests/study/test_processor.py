@@ -20,7 +20,7 @@ from slipctl.study import processor
 class Board:
     """Answers as the block does; ``alter`` may change the status and the outputs of a tick."""
 
-    def __init__(self, plan: Any, _texts: Any, _target: str, params: Any, alter: Any = None) -> None:
+    def __init__(self, plan: Any, _texts: Any, _on: str, params: Any, alter: Any = None) -> None:
         self.f, self.x = plan.block.f, start_state(plan.block, params)
         self.p = ca.DM(plan.block.pack("param", plan.block.param_values(**params)))
         self.alter = alter or (lambda tick, status, y: (status, y))
