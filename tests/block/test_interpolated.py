@@ -45,7 +45,7 @@ def test_over_two_axes_it_is_scipys_between_the_ends(first, second, data):
             assert float(f(*at)) == pytest.approx(float(np.ravel(wanted(held))[0]), abs=1e-12)
 
 
-@pytest.mark.parametrize("nan", [math.nan, np.float64("nan"), np.array([math.nan]), ca.DM(math.nan)])
+@pytest.mark.parametrize("nan", [math.nan, np.float64("nan"), np.array([np.nan]), ca.DM(np.nan)])
 def test_where_the_place_is_no_number_there_is_no_height(nan):
     """fmin and fmax give the other argument, so a table would give one of its heights."""
     xs, rows = [0, 1], [[1, 2], [3, 4]]

@@ -85,7 +85,8 @@ def test_swaps_and_settings_are_done_each_in_turn_and_told_as_typed(tmp_path):
 
 def test_gains_of_a_file_are_settings_of_its_loop(tmp_path):
     (tmp_path / "g.toml").write_text(
-        'format = 1\nloop = "toy.py:soft@base"\n[gains]\n"ctl.K" = 5.0\n"ctl.k" = 2.0\n')  # fmt: skip
+        'format = 1\nloop = "toy.py:soft@base"\n[gains]\n"ctl.K" = 5.0\n'
+        '"ctl.k" = 2.0\n')  # fmt: skip
     texts = ["car.m=9t", str(tmp_path / "g.toml"), "car.J=1"]
     wanted = ["car.m=9t", "soft:ctl.K=5.0", "soft:ctl.k=2.0", "car.J=1"]
     assert case_setup.open_gain_files(texts) == wanted
