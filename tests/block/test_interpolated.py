@@ -45,6 +45,17 @@ def test_over_two_axes_it_is_scipys_between_the_ends(first, second, data):
             assert float(f(*at)) == pytest.approx(float(np.ravel(wanted(held))[0]), abs=1e-12)
 
 
+@pytest.mark.parametrize("nan", [math.nan, np.float64("nan"), np.array([np.nan]), ca.DM(np.nan)])
+def test_where_the_place_is_no_number_there_is_no_height(nan):
+    """fmin and fmax give the other argument, so a table would give one of its heights."""
+    xs, rows = [0, 1], [[1, 2], [3, 4]]
+    for height in (interpolated(nan, xs, rows[0]), interpolated((0.5, nan), (xs, xs), rows),
+                   interpolated((nan, 0.5), (xs, xs), rows)):  # fmt: skip
+        assert math.isnan(float(height))
+    many = np.array([math.nan, 0.5, math.inf, -math.inf])
+    np.testing.assert_array_equal(np.ravel(interpolated(many, xs, [1, 2])), [math.nan, 1.5, 2, 1])
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [

@@ -109,6 +109,26 @@ def test_a_fault_stands_at_its_key(path: str, value: Any, said: str) -> None:
     assert all(line.startswith("law") for line in lines), lines
 
 
+@pytest.mark.parametrize(
+    ("path", "wrong"),
+    [
+        ("conditions/wet", {"d": 1, "v_s": 1, "c": 9, "e": 2}),
+        ("conditions", {"wet": 3, "icy": {"d": 1}, "dry": 3, "oily": {"c": 9}}),
+        ("inputs", {"v_s": "foo", "b": "quux", "c1": {"unit": "bar", "range": 3}, "d": "baz"}),
+        ("parameters", {"c": "1 foo", "b": True, "d": "1 N in 3 .. 2", "e": "2 baz"}),
+    ],
+)
+def test_each_fault_is_told_beside_the_others(path: str, wrong: dict[str, Any]) -> None:
+    """In each order in which they may stand."""
+    for k in range(len(wrong)):
+        turned = dict([*list(wrong.items())[k:], *list(wrong.items())[:k]])
+        with pytest.raises(Faults) as told:
+            equation_files.block(changed(path, turned), "law")
+        for name in wrong:
+            place = f"law.{path.replace('/', '.')}.{name}"
+            assert any(line.startswith(place) for line in told.value.lines), (name, told.value)
+
+
 def test_all_that_is_declared_arrives():
     law = equation_files.block(
         {

@@ -388,7 +388,8 @@ def interpolated(x: Any, xs: Any, ys: Any) -> Any:
     """Straight lines through points, the ends held: a table in the equations of a block.
 
     y = y_1 + sum_k s_k min(max(x - x_k, 0), x_k+1 - x_k), s_k the slope behind x_k. There is no
-    search and no index, so it differentiates and runs in C, in float too.
+    search and no index, so it differentiates and runs in C, in float too. Where a number is NaN, so
+    is the height; in equations, a run and the C refuse the input or state that is NaN.
 
     A table over two axes is ``interpolated((x, z), (xs, zs), ys)``, with a row of ``ys`` for each
     place of x and a column for each of z. Lines go along z in each row, then along x.
@@ -418,7 +419,7 @@ def interpolated(x: Any, xs: Any, ys: Any) -> Any:
     for k in range(len(xs) - 1):
         wide = xs[k + 1] - xs[k]
         found = found + (ys[k + 1] - ys[k]) / wide * ca.fmin(ca.fmax(x - xs[k], 0.0), wide)
-    return found
+    return _with_holes(found, x)
 
 
 def _over_two(x: Any, xs: Any, ys: Any) -> Any:
@@ -447,7 +448,17 @@ def _over_two(x: Any, xs: Any, ys: Any) -> Any:
         rises = [(b - a) * s for (a, b), s in zip(pairwise(heights), shares, strict=True)]
         return sum(rises, heights[0])
 
-    return line([line(row, second) for row in rows], first)
+    return _with_holes(_with_holes(line([line(row, second) for row in rows], first), x[0]), x[1])
+
+
+def _with_holes(found: Any, x: Any) -> Any:
+    """NaN where a number is: fmin and fmax pass over it. An expression stays as it is."""
+    import casadi as ca
+    import numpy as np
+
+    if isinstance(x, float | int | np.number):
+        return found if x == x else math.nan
+    return found if isinstance(x, ca.SX | ca.MX) else ca.if_else(x != x, x, found)
 
 
 def _points(given: Any) -> list[Any]:
