@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -89,8 +91,7 @@ def connect(
                 block.pack("input", _inputs(b, block, inner, free, results, u)),
                 block.pack("param", {n: p[sharing.name(f"{b}.{n}")] for n in block.params}),
             ]
-            function = block.f if last else _part(block, outputs)
-            n, y = function(*args)
+            n, y = _evaluated(block, args, outputs, last)
             if last:
                 nxt |= {f"{b}.{k}": v for k, v in block.unpack("state", n).items()}
                 values = block.unpack("output", y)
@@ -420,6 +421,35 @@ def _inputs(
     return values
 
 
+_inlined: ContextVar[bool] = ContextVar("_inlined", default=False)
+ROLES = ("state", "input", "param")
+
+
+@contextmanager
+def parts_inlined() -> Iterator[None]:
+    """Let connections write the equations of their parts, where these are no scalar graphs.
+
+    The operations and their order are the same. Nothing is packed for a call and unpacked in it.
+    """
+    before = _inlined.set(True)
+    try:
+        yield
+    finally:
+        _inlined.reset(before)
+
+
+def _evaluated(
+    block: Block, args: Sequence[Any], outputs: list[str], last: bool
+) -> tuple[Any, Any]:
+    """Next state and outputs of a part, packed; before its last turn ``outputs`` alone."""
+    if block.sx or not _inlined.get():
+        return (block.f if last else _part(block, outputs))(*args)
+    n, y = block.expr(*[block.unpack(role, a) for role, a in zip(ROLES, args, strict=True)])
+    if last:
+        return block.pack("state", n), block.pack("output", y)
+    return ca.DM(0, 1), _pack_some(block, outputs, y)
+
+
 def _part(block: Block, outputs: list[str]) -> ca.Function:
     """Function of the part that gives only these outputs (and no next state).
 
@@ -431,15 +461,18 @@ def _part(block: Block, outputs: list[str]) -> ca.Function:
         full = block.f
         sym = symbol_maker(block.sx)
         args: list[Any] = [sym("xup"[i], full.size1_in(i)) for i in range(3)]
-        roles = ("state", "input", "param")
-        _, y = block.expr(*[block.unpack(role, a) for role, a in zip(roles, args, strict=True)])
-        wanted = block.pack("output", {k: y[k] if k in outputs else 0.0 for k in block.outputs})
-        found = block.unpack("output", wanted)
-        column = ca.vertcat(*[ca.reshape(found[k], block.outputs[k].size, 1) for k in outputs])
+        _, y = block.expr(*[block.unpack(role, a) for role, a in zip(ROLES, args, strict=True)])
         name = f"{full.name()}_part{len(outputs)}"
-        return ca.Function(name, args, [ca.DM(0, 1), column], {"cse": True})
+        found = [ca.DM(0, 1), _pack_some(block, outputs, y)]
+        return ca.Function(name, args, found, {"cse": True})
 
     return block.of_equations(("part", *outputs), make)
+
+
+def _pack_some(block: Block, outputs: list[str], y: Exprs) -> Any:
+    wanted = block.pack("output", {k: y[k] if k in outputs else 0.0 for k in block.outputs})
+    found = block.unpack("output", wanted)
+    return ca.vertcat(*[ca.reshape(found[k], block.outputs[k].size, 1) for k in outputs])
 
 
 def _unpack_some(block: Block, outputs: list[str], y: Any) -> Exprs:

@@ -48,14 +48,15 @@ _ROLL = """
 long long slipctl_roll(long long ticks, long long nx, long long nu, long long ny, double* x,
                        const double* u, const double* p, double* x_log, double* y_log,
                        double* next, const double** arg, double** res, casadi_int* iw, double* w) {
-  long long k, i;
+  long long k, i, broken;
   for (k = 0; k < ticks; ++k) {
     memcpy(x_log + k * nx, x, (size_t)nx * sizeof(double));
     arg[0] = x; arg[1] = u + k * nu; arg[2] = p;
     res[0] = next; res[1] = y_log + k * ny;
     FUNCTION(arg, res, iw, w, 0);
     memcpy(x, next, (size_t)nx * sizeof(double));
-    for (i = 0; i < nx; ++i) if (!(x[i] - x[i] == 0.0)) return k;
+    for (i = 0, broken = 0; i < nx; ++i) broken |= !(x[i] - x[i] == 0.0);
+    if (broken) return k;
   }
   return ticks;
 }
@@ -75,6 +76,11 @@ static inline double slipctl_fmin(double x, double y) { return y < x || x != x ?
 static inline double slipctl_fmax(double x, double y) { return y > x || x != x ? y : x; }
 #define fmin slipctl_fmin
 #define fmax slipctl_fmax
+/* Exactly what the library gives, without a call where it gives back its argument. */
+static inline double slipctl_pow(double x, double y) {
+  return y == 1.0 || x == 1.0 ? x : pow(x, y);
+}
+#define pow slipctl_pow
 #endif
 """
 

@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
+from slipctl.block.connection import parts_inlined
 from slipctl.block.functions import symbol_maker
 from slipctl.block.shared_numbers import targets
 from slipctl.block.signals import Signal, real_array
@@ -289,6 +290,8 @@ def _looked_up(loop: Block, name: str, n: int, varying: Sequence[str]) -> ca.Fun
     u_dict = loop.unpack("input", u) | {k: v for k, v in values.items() if k in loop.inputs}
     p_dict = loop.unpack("param", p) | {k: v for k, v in values.items() if k in loop.params}
     free = {k: v for k, v in p_dict.items() if not loop.params[k].derived}
-    n_, y = loop.f(x, loop.pack("input", u_dict), loop.pack("param", loop.derive(free)))
+    with parts_inlined():
+        n, y = loop.expr(loop.unpack("state", x), u_dict, loop.derive(free))
+    n_, y = loop.pack("state", n), loop.pack("output", y)
     return ca.Function(f"{loop.f.name()}_rail", [x, u, ca.vertcat(p, table)], [n_, y],
                        ["x", "u", "p"], ["n", "y"], {"cse": True})  # fmt: skip

@@ -28,9 +28,10 @@ def level(mu, name):
     return flat
 
 
-def passed(n, tau, force, creep, speed=20.0, fouled=0.02, clean=0.15, cell=0.5, steps=60):
+def passed(n, tau, force, creep, behind=None):
     """Adhesion that each of n wheels finds at a rail point, when the train has gone over it."""
-    behind, h = tuple(3.0 * k for k in range(n)), 1e-2
+    speed, fouled, clean, cell, steps = 20.0, 0.02, 0.15, 0.5, 60
+    behind, h = behind or tuple(3.0 * k for k in range(n)), 1e-2
     field = rail_field(Cells(behind, cell, 50.0), h).with_params(tau=tau)
     x, values = field.start(), field.param_values()
     found = np.zeros(n)
@@ -113,6 +114,19 @@ def test_ten_times_the_axles_come_near_the_logistic():
         return abs(mu - 0.15 / (1 + 6.5 * np.exp(-K * 0.15 * (n - 1))))
 
     assert far(9, 1.0) / far(81, 0.1) == pytest.approx(10, rel=0.1)
+
+
+@settings(max_examples=3, deadline=None)
+@given(st.lists(st.floats(0.6, 4.0), min_size=2, max_size=3))
+def test_a_train_that_is_turned_round_has_the_same_force(apart):
+    """A8: equal axles at any distances; which end leads does not count once all are in the leaves.
+
+    The second axle finds more than the first whatever lies between them, so the sum is the same.
+    """
+    ways = (np.cumsum([0.0, *apart]), np.cumsum([0.0, *apart[::-1]]))
+    ahead, back = (passed(len(w), 1e-4, 50e3, 0.15, tuple(w)) for w in ways)
+    assert ahead.sum() == pytest.approx(back.sum(), rel=1e-10)
+    assert (np.diff(ahead) > 0).all()
 
 
 OWN = {0.01: 0.0613, 0.05: 0.0672, 0.10: 0.0759, 0.20: 0.0993, 0.30: 0.1308, 0.50: 0.1971,

@@ -88,6 +88,7 @@ def _decided(text: str) -> str:
     lines: list[str] = []
     taken = [True]
     text = re.sub(r"\bCASADI_PREFIX\((\w+)\)", r"casadi_\1", text)
+    text = re.sub(r"\bCASADI_CAST\(casadi_real, ([^()]+)\)", r"\1", text)  # of numbers already
     for line in text.replace("CASADI_SYMBOL_EXPORT ", "").splitlines():
         word = line.replace("#", " ").split()[:1] if line.lstrip().startswith("#") else [""]
         if word[0].startswith("if"):
