@@ -291,7 +291,7 @@ def _looked_up(loop: Block, name: str, n: int, varying: Sequence[str]) -> ca.Fun
     p_dict = loop.unpack("param", p) | {k: v for k, v in values.items() if k in loop.params}
     free = {k: v for k, v in p_dict.items() if not loop.params[k].derived}
     with parts_inlined():
-        n, y = loop.expr(loop.unpack("state", x), u_dict, loop.derive(free))
-    n_, y = loop.pack("state", n), loop.pack("output", y)
-    return ca.Function(f"{loop.f.name()}_rail", [x, u, ca.vertcat(p, table)], [n_, y],
+        then, y = loop.expr(loop.unpack("state", x), u_dict, loop.derive(free))
+    packed = [loop.pack("state", then), loop.pack("output", y)]
+    return ca.Function(f"{loop.f.name()}_rail", [x, u, ca.vertcat(p, table)], packed,
                        ["x", "u", "p"], ["n", "y"], {"cse": True})  # fmt: skip
