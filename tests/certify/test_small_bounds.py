@@ -18,7 +18,7 @@ from slipctl.certify.bounds import extremum, linear_kind, observers
 from slipctl.certify.catalogue import SYSTEMS, certify
 from slipctl.certify.checksum import with_checksum
 from slipctl.certify.entries import DoesNotHold, read_mapping
-from slipctl.certify.planar import lagged_maps, lagged_runs
+from slipctl.certify.planar import bounded_error, lagged_maps, lagged_runs
 from slipctl.certify.planar.interval_systems import sets
 from slipctl.certify.planar.lagged_maps import Lagged, lag_numbers
 from slipctl.certify.planar.scalar_maps import CubicPull, Interval
@@ -417,10 +417,10 @@ def test_a_drift_is_replayed_with_all_digits(monkeypatch):
     """What is replayed is the law to 1e-40, not to the 28 digits of a plain decimal."""
     seen = []
     monkeypatch.setattr(
-        funnel_kind.interval_systems, "replay_drift", lambda given, tick: seen.append(tick)
+        bounded_error.interval_systems, "replay_drift", lambda given, tick: seen.append(tick)
     )
     n = dict(K1=F(100), T=F(1, 1000), eta_inf=F(7, 1000), delta_l=F(1), delta_u=F(1), W=F(1, 3))
-    funnel_kind._replay_drift(n, {})
+    funnel_kind.ERROR._replay_drift(n, {})
     exact = n["W"] * n["T"] / n["eta_inf"]
     assert abs(F(seen[0].push) / exact - 1) < F(1, 10**40)
 
