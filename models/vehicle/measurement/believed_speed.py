@@ -6,9 +6,9 @@ alone, whatever the adhesion is:
     v + sum_i J omega_i / (r m) falls by (sum_i T_i / (r m) + R(v) + b) each second
 
 with the running resistance R of the file, and a slow b for gradient and what is left. On leaves no
-wheel rolls, so b is learnt of nothing; without R the speed of a light vehicle would be lost there. A wheel that slides does not disturb it, and a
-wrong vehicle speed does. So the two can be told from each other, which no comparison of speeds
-can do.
+wheel rolls that could teach b, so without R the speed of a light vehicle would be lost there. A
+wheel that slides does not disturb it, and a wrong vehicle speed does. So the two can be told from
+each other, which no comparison of speeds can do.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def speed_signals() -> list[Signal]:
         gate=Param("m/s", 0.35, "largest error of the vehicle's speed", ADDED, lo=0.01, hi=50),
         unseen=Param("m/s", 0.1, "change of it that its sensor may not show", ADDED, lo=0.01,
                      hi=50),
-        resist_0=Param("m/s^2", 0.0, "running resistance by mass, constant part", ADDED, lo=0, hi=1),
+        resist_0=Param("m/s^2", 0.0, "running resistance by mass, constant", ADDED, lo=0, hi=1),
         resist_1=Param("1/s", 0.0, "its linear part", ADDED, lo=0, hi=1),
         resist_2=Param("1/m", 0.0, "its quadratic part", ADDED, lo=0, hi=1),
         fastest=Param("m/s", 120.0, "largest speed of the vehicle", ADDED, lo=1, hi=500),
