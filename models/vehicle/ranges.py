@@ -206,7 +206,9 @@ def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
         lost = float(torque_of(trip.control.demand_lost))
     # of brakes that it is not told, and of a speed that is the wheels' own, it cannot know
     alone = not (vehicle.track_brake or vehicle.dynamic_brake or trip.sensors.of_wheels)
+    drag = (force / vehicle.total for force in vehicle.resistance.of(vehicle.total))
     return {
+        **dict(zip(("resist_0", "resist_1", "resist_2"), drag, strict=True)),
         "pace": 2 * min(gate, 50.0) + 2 * w.r * noise + 0.5 if alone else NEVER,
         "fastest": fastest, "most": 1.5 * fastest / w.r, "gate": min(gate, 50.0), "noise": noise,
         "noise_slow": slow, "slow": 2 * slow, "unseen": unseen,

@@ -202,12 +202,14 @@ def _produce(
     if tried_too or (replay and boards):
         trials = _trials(plan, made, rows, used_params, hurry=not (replay or found))
     first, tried = expected_outputs.first_ticks(run, trials, KEPT)
+    first, tried, every = expected_outputs.few_states(plan, first, tried)
     first = expected_outputs.with_limits(plan, first, used_params, tried)
     digest = folders.digest("".join(made[f] for f in plan.files))[:16]
     made = {n: text.replace(CONTENT, digest) for n, text in made.items()}
-    made["vectors.txt"] = back_to_back.vectors(plan, digest, values, first)
+    made["vectors.txt"] = back_to_back.vectors(plan, digest, values, first, every)
     ticks = len(rows) if replay else len(first.rows)
     data = _facts(plan, digest, made, values, ticks) | {"made_up": width}
+    data |= {"vectors": {"ticks": len(first.rows), "states_every": every}}
     data |= {"search": found} if found else {}
     with ThreadPoolExecutor() as pool:  # the boards are programs of their own
         on_boards = [pool.submit(_on_board, t, plan, made, replay) for t in boards]

@@ -7,7 +7,7 @@ import pytest
 
 from slipctl import Input, Output, Param, Rail, RunFailed, Scenario, Section, State, connect, step
 from slipctl.ccode import codegen
-from slipctl.ccode.check.vectors import run_inputs
+from slipctl.ccode.check.vectors import expected_outputs, run_inputs
 from slipctl.run.simulation import simulate
 
 TICKS = 500
@@ -61,6 +61,21 @@ def test_a_folder_that_is_only_written_rolls_what_it_keeps(tmp_path, monkeypatch
     inputs = {"u": np.ones(TICKS)}
     assert codegen.export(adder, tmp_path / "a", inputs=inputs).data["ticks"] == 40
     assert codegen.export(adder, tmp_path / "b", inputs=inputs, check=True).data["ticks"] == TICKS
+
+
+@pytest.mark.second
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_states_of_a_large_file_stand_in_some_ticks(tmp_path, monkeypatch, real):
+    """All inputs and outputs are replayed; a state that goes astray is seen at the next look."""
+    inputs = {"u": np.random.default_rng(5).standard_normal(TICKS)}
+    whole = codegen.export(adder, tmp_path / "whole", inputs=inputs, real=real)
+    monkeypatch.setattr(expected_outputs, "LARGEST_FILE", 30_000)
+    few = codegen.export(adder, tmp_path / "few", inputs=inputs, check=True, real=real)
+    sizes = [(f.folder / "vectors.txt").stat().st_size for f in (whole, few)]
+    assert sizes[1] < 30_000 < sizes[0]
+    assert few.data["vectors"]["states_every"] > 1 == whole.data["vectors"]["states_every"]
+    assert not few.failures
+    assert f"{TICKS} ticks, 0 faults" in few.data["compiled"][0]["own_test"]
 
 
 def test_a_run_that_breaks_stops_there(loop):

@@ -139,6 +139,19 @@ def test_a_train_that_is_released_as_a_whole_tries_the_demand_after_its_limit(dr
     assert not car.judged()["retry"].any()
 
 
+def test_without_sensors_the_speed_falls_by_the_running_resistance():
+    """As dv/dt = -c v^2 has it; a vehicle that stands is not moved by it."""
+    block, c, ticks = trust(1, False, **NUMBERS, resist_2=4e-4), 4e-4, 1000
+    alike, run = block.with_params(resist_0=0.5), block.f.mapaccum(ticks)
+    u = block.pack("input", dict.fromkeys(block.inputs, math.nan) | {"T_cmd": 0.0, "T_demand": 0.0})
+    for found, start, end in ((block, 40.0, 40 / (1 + c * 40 * ticks * H)), (alike, 0.0, 0.0)):
+        x = found.pack("state", found.start(v_h=start, age=1.0))
+        p = ca.repmat(found.pack("param", found.param_values()), 1, ticks)
+        last = run(x, ca.repmat(u, 1, ticks), p)[0][:, -1]
+        at = sum(n.size for n in list(found.states.values())[: list(found.states).index("v_h")])
+        assert float(last[at]) == pytest.approx(end, rel=1e-4, abs=1e-9)
+
+
 def test_the_first_tick_takes_any_speed():
     for speed in (2.0, 16.0, 44.0):
         car = Car([3e3] * 40, speed=speed)

@@ -3,11 +3,12 @@
 The rail turns momentum of the vehicle into that of its wheels, so their sum changes by the brakes
 alone, whatever the adhesion is:
 
-    v + sum_i J omega_i / (r m) falls by (sum_i T_i / (r m) + b) each second
+    v + sum_i J omega_i / (r m) falls by (sum_i T_i / (r m) + R(v) + b) each second
 
-with a slow b for gradient, resistance and mass. A wheel that slides does not disturb it, and a
-wrong vehicle speed does. So the two can be told from each other, which no comparison of speeds
-can do.
+with the running resistance R of the file, and a slow b for gradient and what is left. On leaves no
+wheel rolls that could teach b, so without R the speed of a light vehicle would be lost there. A
+wheel that slides does not disturb it, and a wrong vehicle speed does. So the two can be told from
+each other, which no comparison of speeds can do.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ def speed_signals() -> list[Signal]:
     """States, inputs, parameters and outputs that concern the vehicle's speed."""
     return named_signals(
         v_h=State("m/s", "v_start", "vehicle speed that was believed"),
-        bias=State("m/s^2", 0.0, "acceleration by all but the brakes"),
+        bias=State("m/s^2", 0.0, "acceleration by all but brakes and running resistance"),
         seen=State("1", 1.0, "1 while the sensor of the vehicle's speed is believed"),
         off=State("s", 0.0, "time that it has been another"),
         on=State("s", 0.0, "time that it has been the same"),
@@ -57,6 +58,9 @@ def speed_signals() -> list[Signal]:
         gate=Param("m/s", 0.35, "largest error of the vehicle's speed", ADDED, lo=0.01, hi=50),
         unseen=Param("m/s", 0.1, "change of it that its sensor may not show", ADDED, lo=0.01,
                      hi=50),
+        resist_0=Param("m/s^2", 0.0, "running resistance by mass, constant", ADDED, lo=0, hi=1),
+        resist_1=Param("1/s", 0.0, "its linear part", ADDED, lo=0, hi=1),
+        resist_2=Param("1/m", 0.0, "its quadratic part", ADDED, lo=0, hi=1),
         fastest=Param("m/s", 120.0, "largest speed of the vehicle", ADDED, lo=1, hi=500),
         v_start=Param("m/s", 20.0, "vehicle speed at the start", ADDED, lo=0, hi=200),
         pace=Param("m/s", 2.0, "speed that both lose beyond them where calls are too far apart",
@@ -95,7 +99,10 @@ class VehicleSpeed:
         share = 1 / (n * s["r"] * s["m"])
         pull = sum(a.torque for a in axles) * share
         wheels = s["J"] * share * sum(a.step for a in axles)
-        predicted = s["v_h"] + s["T"] * (s["bias"] - turn * pull) - wheels
+        before = fabs(s["v_h"])
+        drag = s["resist_0"] + before * (s["resist_1"] + before * s["resist_2"])
+        drag = drag * clip_to_range(s["v_h"], -1, 1)  # it does not move a vehicle that stands
+        predicted = s["v_h"] + s["T"] * (s["bias"] - drag - turn * pull) - wheels
         self.begins = s["age"] <= 0
         self.predicted = if_else(self.begins, self._first(), predicted)
         self.speed = fabs(self.predicted)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from slipctl.ccode.check import guard_trial
-from slipctl.ccode.check.vectors.expected_outputs import Expected
+from slipctl.ccode.check.vectors.expected_outputs import Expected, last_states
 from slipctl.ccode.check.vectors.misuse import misuse
 from slipctl.ccode.module import rates
 from slipctl.ccode.module.comments import ascii_text
@@ -54,7 +54,7 @@ int main(int argc, char **argv)
 _COPY = """#ifndef ON_BOARD
     if (argc > 2) {
         FILE *copy = fopen(argv[2], "wb");
-        return (copy == NULL) ? 2 : in_binary(file, copy, ticks);
+        return (copy == NULL) ? 2 : in_binary(file, copy, ticks, every);
     }
 #endif
 """
@@ -162,7 +162,7 @@ _PROGRAM = """{head}
 #define N_SIGNALS {n_signals}
 #define N_LIMITS {n_limits}
 #define N_ENDS {n_ends} /* finite ends of the ranges of inputs */
-{guarded}#define N_TICK {n_tick} /* numbers of one tick; the last is the status */
+{guarded}#define N_TICK {n_tick} /* numbers of a tick behind its status */
 #define N_ROW {n_row}
 #define STALE {stale} /* ticks that {first_held} is held */
 #define COMPARED {mask} /* bits of the status */
@@ -203,13 +203,23 @@ static void copied(void *to, const void *from, size_t n)
     (void)memcpy(to, from, n);
 }}
 
-#ifndef ON_BOARD
-static int in_binary(FILE *file, FILE *copy, int ticks)
+/* Numbers of a tick: the file has the states of every so many ticks, and of the last one. */
+static int width(int tick, int ticks, int every)
 {{
-    long left = {n_first}L + ((long)ticks * N_TICK);
+    return (((tick % every) == 0) || (tick == (ticks - 1))) ? N_TICK : (N_TICK - N_STATE);
+}}
+
+#ifndef ON_BOARD
+static int in_binary(FILE *file, FILE *copy, int ticks, int every)
+{{
+    long left = {n_first}L + ticks;
     double x = 0.0;
-    (void)fprintf(copy, "slipctl-vectors 3 {n} " CONTENT " binary %d %d %d\\n", N_PARAM, N_SIGNALS,
-            ticks);
+    int tick;
+    for (tick = 0; tick < ticks; ++tick) {{
+        left += width(tick, ticks, every);
+    }}
+    (void)fprintf(copy, "slipctl-vectors 4 {n} " CONTENT " binary %d %d %d %d\\n", N_PARAM,
+            N_SIGNALS, ticks, every);
     for (; left > 0; --left) {{
         if (!numbers(file, &x, 1) || (fwrite(&x, sizeof(double), 1, copy) != 1U)) {{
             return 2;
@@ -223,6 +233,7 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
 {{
     static double row[N_ROW];
     static real raw[N_ROW];
+    static real given[{n_answers}]; /* outputs and states as they were last looked at */
     static double limits[N_LIMITS]; /* largest difference; 1 if only of the envelope */
     static double worst[N_SIGNALS];
     static double largest[N_SIGNALS];
@@ -239,7 +250,9 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
     int compared = 0;
     bool ours = false;
     int ticks = 0;
+    int every = 0;
     int tick;
+    double wanted_status = 0.0;
     int faults = 0;
     int refused = 0;
     int held = 0;
@@ -260,11 +273,11 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
         return 2;
     }}
     if (fgets(line, (int)sizeof(line), file) != NULL) {{
-        ours = (sscanf(line, "slipctl-vectors 3 {n} %63s %63s %d %d %d", content, form, &params,
-                       &compared, &ticks) == 5);
+        ours = (sscanf(line, "slipctl-vectors 4 {n} %63s %63s %d %d %d %d", content, form, &params,
+                       &compared, &ticks, &every) == 6);
     }}
     if (!ours || (strcmp(content, CONTENT) != 0) || (params != N_PARAM)
-        || (compared != N_SIGNALS)) {{
+        || (compared != N_SIGNALS) || (every < 1)) {{
         (void)printf("%s does not belong to {n} " CONTENT "\\n", path);
         return 2;
     }}
@@ -280,19 +293,20 @@ static int in_binary(FILE *file, FILE *copy, int ticks)
     }}
 {copy}{empty}    for (tick = 0; tick < ticks; ++tick) {{
         int signal;
-        if (!numbers(file, row, N_TICK)) {{
+        const int now = width(tick, ticks, every);
+        if (!numbers(file, &wanted_status, 1) || !numbers(file, row, now)) {{
             (void)printf("%s ends at tick %d\\n", path, tick);
             return 2;
         }}
-{take_in}        k = (int)row[N_TICK - 1];
+{take_in}        k = (int)wanted_status;
 {stepped}        differing = ((unsigned int)got_status ^ (unsigned int)k) & COMPARED;
         faults += ((k < 0) || (differing == 0U)) ? 0 : 1; /* -1: roundings decide */
-        copied(raw, &out, (size_t)N_OUT * sizeof(real));
+        copied(given, &out, (size_t)N_OUT * sizeof(real));
 {give_state}        at = 0;
         for (signal = 0; signal < N_SIGNALS; ++signal) {{
             for (k = 0; k < signals[signal].size; ++k) {{
                 const double wanted = row[first + at];
-                const double got = (double)raw[at];
+                const double got = (double)given[at];
                 const double difference = fabs(got - wanted);
                 worst[signal] = (difference <= worst[signal]) ? worst[signal] : difference;
                 largest[signal] = (fabs(wanted) > largest[signal]) ? fabs(wanted) : largest[signal];
@@ -357,7 +371,7 @@ def _counts(plan: Plan) -> dict[str, Any]:
         "stale": guard_trial.stale_ticks(plan), "n_in": n_in, "n_param": n_param,
         "n_out": n_out, "n_state": n_state, "n_signals": n_signals, "n_limits": 2 * n_signals,
         "n_ends": sum(math.isfinite(v) for pair in ends for v in pair),
-        "n_tick": n_in + n_out + n_state + 1, "n_row": n_in + n_out + n_state + n_param + 1,
+        "n_tick": n_in + n_out + n_state, "n_row": n_in + n_out + n_state + n_param + 1,
         "n_answers": n_out + n_state, "n_first": n_param + 2 * n_signals,
     }  # fmt: skip
 
@@ -392,7 +406,10 @@ def _declarations(plan: Plan) -> dict[str, str]:
 def _statements(plan: Plan) -> dict[str, str]:
     """What ``main`` does only where the module has inputs, numbers, states, guards or rates."""
     n, lay, guarded = plan.name, plan.layout, guard_trial.guarded_count(plan)
-    of_state = "        copied(&raw[N_OUT], &state, (size_t)N_STATE * sizeof(real));\n"
+    of_state = (
+        "        if (now == N_TICK) {\n"
+        "            copied(&given[N_OUT], &state, (size_t)N_STATE * sizeof(real));\n        }\n"
+    )
     return {
         "take_in": _taken("in", 8) if lay.inputs else "",
         "take_param": _taken("param", 4) if lay.params else "",
@@ -429,17 +446,24 @@ def _pieces(plan: Plan) -> str:
     return _PIECES.format(calls=calls)
 
 
-def vectors(plan: Plan, content: str, params: Mapping[str, np.ndarray], run: Expected) -> str:
-    """Text of the vectors: parameters, limits, then inputs, outputs, states, status per tick."""
+def vectors(
+    plan: Plan, content: str, params: Mapping[str, np.ndarray], run: Expected, every: int = 1
+) -> str:
+    """Text of the vectors: parameters, limits, then status, inputs, outputs, states per tick.
+
+    Args:
+        plan, params, run: the module, its parameters, what it is to give.
+        content: hash of its texts.
+        every: ticks from one that has states to the next; the last tick has them too.
+    """
     flat = [v for m in plan.layout.params for v in c_elements(m, params[m.name])]
     members = [*plan.layout.outputs, *plan.layout.states]  # an output and a state may share a name
-    sizes = f"{len(flat)} {len(members)} {len(run.rows)}"
-    lines = [f"slipctl-vectors 3 {plan.name} {content} text {sizes}"]
+    sizes = f"{len(flat)} {len(members)} {len(run.rows)} {every}"
+    lines = [f"slipctl-vectors 4 {plan.name} {content} text {sizes}"]
     lines += [repr(float(v)) for v in flat]
     lines += [f"{float(run.limits[m.name])!r} {int(m.name in run.envelope)}" for m in members]
-    rows = np.hstack([run.rows, run.outputs, run.states])
-    lines += [  # a row at a time: as objects all of them take five times the memory
-        " ".join([*map(repr, row.tolist()), str(status)])
-        for row, status in zip(rows, run.status.tolist(), strict=True)
-    ]
+    whole = last_states(len(run.rows), every) == np.arange(len(run.rows))
+    for k, status in enumerate(run.status.tolist()):  # as objects all take five times the memory
+        row = np.hstack([run.rows[k], run.outputs[k], *([run.states[k]] if whole[k] else ())])
+        lines.append(" ".join(map(repr, [status, *row.tolist()])))
     return "\n".join(lines) + "\n"

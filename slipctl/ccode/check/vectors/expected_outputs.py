@@ -7,6 +7,7 @@ afterwards.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -46,6 +47,10 @@ what those of the trials differ by where that is more."""
 UNKNOWN = float(np.finfo(float).max)
 """Limit of a signal whose ends differ among the trials by half of what it swings over, as the
 damping of an iteration that has converged does: arithmetic alone decides it."""
+
+LARGEST_FILE, DIGITS = 32_000_000, 19
+"""Bytes that ``vectors.txt`` should not exceed, and of a number in it. The state of a vehicle's
+controller has a thousand numbers and more, so the file has it after some of its ticks only."""
 
 UNDECIDED = -1
 """Status of a tick in which arithmetic decides: trials have another one than the block."""
@@ -289,6 +294,38 @@ def _parts(members: list[Member], rows: np.ndarray) -> list[tuple[Member, np.nda
 
 def _largest(values: np.ndarray) -> float:
     return float(np.abs(values).max(initial=0.0))
+
+
+def last_states(ticks: int, every: int) -> np.ndarray:
+    """By tick: the latest one whose states are written, each so many and the very last."""
+    found = np.arange(ticks)
+    found -= found % every
+    found[-1:] = ticks - 1
+    return found
+
+
+def few_states(
+    plan: Plan, run: Expected, trials: Trials | None
+) -> tuple[Expected, Trials | None, int]:
+    """A run whose states are looked at in some ticks only, where the file were too large.
+
+    Returns:
+        The run and its trials with the states held in between, and the ticks from one look to the
+        next. In float without trials the run is shorter instead: its limits need every state.
+    """
+    width, states = run.rows.shape[1] + run.outputs.shape[1] + 1, run.states.shape[1]
+    ticks, room = len(run.rows), LARGEST_FILE // DIGITS
+    if ticks * (width + states) <= room:
+        return run, trials, 1
+    if trials is None and plan.real == "float":
+        return *first_ticks(run, None, max(room // (width + states), 1)), 1
+    every = math.ceil(ticks * states / max(room - ticks * width, room // 4))
+    at, n = last_states(ticks, every), run.outputs.shape[1]
+    held = Expected(run.rows, run.outputs, run.states[at], run.status, run.limits, run.envelope)
+    if trials is not None:
+        rows = [np.hstack([r[:, :n], r[at, n:]]) for r in trials.rows]
+        trials = Trials(rows, trials.status)
+    return held, trials, every
 
 
 def first_ticks(run: Expected, trials: Trials | None, ticks: int) -> tuple[Expected, Trials | None]:
