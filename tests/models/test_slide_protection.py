@@ -5,6 +5,7 @@ import pytest
 from casadi import if_else, vertcat
 
 from slipctl import BadInput, Input, Output, Param, State, connect, simulate, step
+from slipctl.ccode import codegen
 from slipctl.models.vehicle import (
     Air,
     Constant,
@@ -25,7 +26,13 @@ from slipctl.models.vehicle import (
 from slipctl.models.vehicle import trip as trips
 from slipctl.models.vehicle.air.pneumatics import ATMOSPHERE
 from slipctl.models.vehicle.air.slide_protection import STATES, slide_machine, watchdog
-from slipctl.models.vehicle.parts import Contamination, ScheduledPI, SlipControl
+from slipctl.models.vehicle.parts import (
+    Accelerometer,
+    Contamination,
+    Fused,
+    ScheduledPI,
+    SlipControl,
+)
 from slipctl.run.preparation import prepare
 from slipctl.studies.leaf_fall.trains import TUNED
 
@@ -132,6 +139,27 @@ def test_after_a_step_of_the_rail_the_force_comes_back_before_the_watchdog():
     back = (T[step:] > 0.9 * 12e3 * R).all(axis=1)
     assert T[step].max() < 0.6 * 12e3 * R
     assert 5e-3 * int(np.argmax(back)) < 3.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("part", ["ctl", "speed"])
+def test_its_c_gives_the_bits_of_the_model_also_where_sensors_are_wrong(part, tmp_path):
+    """Valve bits and speed, on what a slide has read: one wheel missing, one too fast, one frozen."""
+    meter = Accelerometer(bias=0.05, deviation=0.02)
+    sensors = Sensors(wheel_speed=Exact(), vehicle_speed=Fused(), accelerometer=meter)
+    found = case(train(4, duration=4.0, end="", sensors=sensors,
+                       control=SlipControl(period=0.01, let_go=1.0)))  # fmt: skip
+    loop = found.loops["wsp"]
+    log = simulate(loop, found.scenario, log=[*loop.inputs, *loop.outputs, *loop.states])
+    inputs = {n: np.array(v) for n, v in codegen.logged_inputs(loop, part, log).items()}
+    omega = inputs["omega"]
+    omega[2000:2050, 1] = 0
+    omega[2050:2100, 0] *= 2
+    omega[2000:, 2] = omega[2000, 2]
+    params = codegen.logged_params(loop, part, log)
+    told = codegen.check(loop[part], inputs, tmp_path, params, period=loop.period)
+    assert told["passed"]
+    assert max(row["absolute"] for row in told["signals"]) == 0
 
 
 # ---- its parts -----------------------------------------------------------------------------------
