@@ -133,7 +133,8 @@ def test_wheels_of_other_diameters_that_roll_again_keep_the_speed_in_the_band(ap
     omega[:, again] = (v / R)[again]
     omega[1] *= 1 + apart
     tooth = tooth_wheel.with_params(T=T, omega_start=omega[0, 0])
-    omega = np.vstack([outputs(tooth, {"phi": T * (np.cumsum(w) - w[0])})["omega_m"] for w in omega])
+    angles = T * (np.cumsum(omega, axis=1) - omega[:, :1])
+    omega = np.vstack([outputs(tooth, {"phi": phi})["omega_m"] for phi in angles])
     noise = 0.02 * np.random.default_rng(seed).normal(size=len(a))
     block = fused_speed(many, 0.02, 1e-3, 0.02, T, 25.0).with_params(r=R, T=T)
     torque = np.full(omega.shape, 0.05 * R * 9500 * G)
@@ -143,7 +144,8 @@ def test_wheels_of_other_diameters_that_roll_again_keep_the_speed_in_the_band(ap
     block = largest_wheel(many).with_params(T=T, v_start=25.0, r=R, most=50.0)
     free = outputs(block, {"omega": omega}, {"v_h": 25.0})["v_m"][again]
     off = free / (v * (1 + max(apart, 0)))[again] - 1
-    assert np.abs(off[2:]).max() < 1e-6 / (T - 0.03 / 15) + 0.5 * T / 15  # 26 mm from tooth to tooth
+    between = T - 2 * np.pi * R / 100 / v[-1]  # edges that are counted, at least
+    assert np.abs(off[2:]).max() < 1e-6 / between + 0.05 * G * T / v[-1]
 
 
 def test_a_wheel_that_rolls_free_teaches_the_speed_and_the_bias():

@@ -144,7 +144,7 @@ def test_after_a_step_of_the_rail_the_force_comes_back_before_the_watchdog():
 @pytest.mark.long
 @pytest.mark.parametrize("part", ["ctl", "speed"])
 def test_its_c_gives_the_bits_of_the_model_also_where_sensors_are_wrong(part, tmp_path):
-    """Valve bits and speed, on what a slide has read: one wheel missing, one too fast, one frozen."""
+    """Valve bits and speed in a slide: one wheel reads none, one too much, one is frozen."""
     meter = Accelerometer(bias=0.05, deviation=0.02)
     sensors = Sensors(wheel_speed=Exact(), vehicle_speed=Fused(), accelerometer=meter)
     found = case(train(4, duration=4.0, end="", sensors=sensors,
@@ -159,7 +159,7 @@ def test_its_c_gives_the_bits_of_the_model_also_where_sensors_are_wrong(part, tm
     params = codegen.logged_params(loop, part, log)
     told = codegen.check(loop[part], inputs, tmp_path, params, period=loop.period)
     assert told["passed"]
-    assert max(row["absolute"] for row in told["signals"]) == 0
+    assert max(row["absolute"] for row in told["signals"].values()) == 0
 
 
 # ---- its parts -----------------------------------------------------------------------------------
