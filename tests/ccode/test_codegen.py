@@ -176,7 +176,7 @@ def _elementwise(x: Any, u: Any, p: Any) -> Any:
         ca.logic_and(b, a[0]), ca.logic_not(a[0]), ca.fmin(a, c), ca.fmax(b, a), ca.sign(a), a**2,
         ca.fabs(a), ca.sqrt(ca.fabs(a)), ca.floor(a), a < c, a == c, ca.norm_inf(a), ca.norm_1(a),
         ca.mmin(a), ca.dot(a, c), ca.sum1(a), ca.vec(a @ c.T), ca.diff(a), ca.atan2(a, c),
-        ca.logsumexp(a),
+        ca.logsumexp(a), ca.vec(ca.densify(ca.diag(a))),
     ]  # fmt: skip
     return {"s": 0.9 * a + 0.1 * b}, {"y": ca.vertcat(*parts)}
 
@@ -185,7 +185,7 @@ elementwise = make_block(
     "elementwise", "step", _elementwise, sx=False, doc="Operations on whole vectors.",
     states=[State("1", 0.2, shape=(3,)).named("s")],
     inputs=[Input("1", lo=-1, hi=3, shape=(3,)).named("u")],
-    outputs=[Output("1", shape=(63,)).named("y")],
+    outputs=[Output("1", shape=(72,)).named("y")],
 )  # fmt: skip
 
 mixed = connect(

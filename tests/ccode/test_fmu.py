@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -220,6 +221,19 @@ def test_fmpy_opens_a_part_of_a_loop_with_its_recorded_inputs(subway: tuple[Bloc
     for row in opened_by_fmpy(loop, "plant", scenario, 0.1).values():
         wanted = {"ticks": 100, "relative": 0.0, "status_differs": 0, "valid": True}
         assert row == wanted | {"passed": True}
+
+
+@pytest.mark.long
+def test_fmpy_opens_a_train_with_valves_on_leaves(tmp_path: Path) -> None:
+    """Eight axles of `slipctl new emu` come to the leaves after 3.9 s, and the valves vent."""
+    from bench.fmus import opened_by_fmpy
+    from slipctl.models.vehicle import case
+    from slipctl.study.files.trip_files import load_trip
+
+    written = resources.files("slipctl.models.vehicle") / "files" / "emu.toml"
+    found = case(load_trip(str(written)))
+    for row in opened_by_fmpy(found.loops["wsp"], "plant", found.scenario, 5.0).values():
+        assert (row["relative"], row["status_differs"], row["valid"]) == (0.0, 0, True)
 
 
 def test_a_difference_from_python_is_found(subway: tuple[Block, Any]) -> None:
