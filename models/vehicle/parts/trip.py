@@ -220,9 +220,7 @@ class Trip(Part):
         A speed that may not fall as fast as the train releases its brakes on dry rail.
         """
         vehicle, demand, magnets = self.vehicle, self.demand, self.vehicle.track_brake
-        given = (
-            sum(self.actuator.torque / vehicle.radii[k] for k in vehicle.worked) / vehicle.total
-        )
+        given = sum(self.actuator.torque / vehicle.radii[k] for k in vehicle.worked) / vehicle.total
         for name, mass in (("deceleration", 1.0), ("acceleration", 1.0), ("force", vehicle.total)):
             asked = getattr(demand, name, None)
             if asked is not None:
