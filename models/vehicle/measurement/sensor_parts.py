@@ -67,9 +67,11 @@ def vehicle_speed(trip: Trip, parts: dict[str, Block], wires: dict[str, str]) ->
     wires["speed.torque"] = "plant.T"
     if isinstance(part, WheelsOnly):
         block = bounded_speed(many, trip.vehicle.mode == "drive")
+        known = max(0.15, trip.beside_torques)
         parts["speed"] = block.with_params(
-            a_max=part.rate or trip.fastest_change, margin=part.margin, beside=part.beside
-        )
+            a_max=part.rate or trip.fastest_change, margin=part.margin,
+            beside=known if part.beside is None else part.beside,
+        )  # fmt: skip
         return "speed.v_m"
     assert isinstance(part, Fused)
     meter = trip.sensors.accelerometer

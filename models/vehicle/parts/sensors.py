@@ -46,7 +46,7 @@ class NoisySpeed(Part):
     dropout: float = number("1", 0.0, "share of lost samples; the last one is held", lo=0, hi=0.99)
 
 
-FOLLOWS = "; none given: 1.2 times what the demand asks and the brakes give, at least 1.5"
+FOLLOWS = "; none given: 1.2 times what demand, brakes and gradient give, at least 1.5"
 """Where the largest change of the vehicle's speed comes from."""
 
 
@@ -63,10 +63,11 @@ class WheelsOnly(Part):
         hi=10,
     )
     margin: float = number("1", 0.15, "relative error of the torques", lo=0, hi=1)
-    beside: float = number(
+    beside: float | None = number(
         "m/s^2",
-        0.15,
-        "largest acceleration by gradient and resistance, beside the torques",
+        None,
+        "largest acceleration by gradient and resistance, beside the torques; none given: that of"
+        " the track and of the vehicle at its first speed, at least 0.15",
         lo=0,
         hi=5,
     )

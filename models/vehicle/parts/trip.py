@@ -214,6 +214,15 @@ class Trip(Part):
         return sum(self.believed) / len(self.believed)
 
     @property
+    def beside_torques(self) -> float:
+        """Largest acceleration in m/s^2 by gradient and running resistance."""
+        vehicle, given = self.vehicle, self.rail.gradient
+        slopes = [s.gradient for s in given] if isinstance(given, tuple) else [given]
+        a, b, c = vehicle.resistance.of(vehicle.total)
+        drag = (a + (b + c * vehicle.speed) * vehicle.speed) / vehicle.total
+        return vehicle.gravity * max(map(abs, slopes)) + drag
+
+    @property
     def fastest_change(self) -> float:
         """Largest rate in m/s^2 at which the estimated speed may change.
 
@@ -227,7 +236,7 @@ class Trip(Part):
                 given = min(given, max(np.atleast_1d(asked)) / mass)
         if magnets is not None:
             given += magnets.attraction * magnets.friction / vehicle.total
-        return max(1.5, 1.2 * given)
+        return max(1.5, 1.2 * (given + self.beside_torques))
 
     @property
     def learns(self) -> bool:
