@@ -259,7 +259,12 @@ def reference(period: float = 2e-4) -> Block:
         ),
         w_r=Param("1/s", 200.0, "rate at which it follows", "added", lo=1, hi=1e4),
         most=Param(
-            "m/s^2", 1.5, "largest rate", "added, above the k of the seekers", lo=1e-3, hi=1e4
+            "m/s^2",
+            1.5,
+            "largest rate of the creep",
+            "added, above the k of the seekers",
+            lo=1e-3,
+            hi=1e4,
         ),
         T=Param("s", period, "sample period", GUESS, lo=1e-6, hi=0.1),
     ):

@@ -304,7 +304,9 @@ def arbitration(
     J=Param("kg m^2", 240.0, "wheel inertia", TABLE_3, lo=1, hi=5000),
     r=Param("m", 0.5, "wheel radius", TABLE_3, lo=0.2, hi=1),
     T_max=Param("N m", 20e3, "largest torque", "guess, not in the paper", lo=1, hi=1e6),
-    v_off=Param("m/s", 1.0, "slip control is off below", "guess, not in the paper", lo=0, hi=20),
+    v_off=Param(
+        "m/s", 1.0, "speed below which slip control is off", "guess, not in the paper", lo=0, hi=20
+    ),
     T_low=Param("N m", 4e3, "largest torque below v_off", "guess, not in the paper", lo=0, hi=1e6),
 ):
     """Torque applied: the demand, unless slip control wants less; Huang 2020 section 2.2.

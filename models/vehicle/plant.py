@@ -81,7 +81,7 @@ def on_train(adhesion: Block) -> Block:
 
     params = list(source.params.values())
     if slip == "lam":
-        least = Param("m/s", 1.0, "the ratio is not formed below this speed", ADDED, lo=1e-3)
+        least = Param("m/s", 1.0, "least speed in the ratio", ADDED, lo=1e-3)
         params.append(least.named("v_least"))
     return make_block(
         source.name, "law", body,

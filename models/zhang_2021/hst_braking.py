@@ -217,7 +217,7 @@ def wheel(
     J=INERTIA,
     r=RADIUS,
     g=Param("m/s^2", G, "gravity", "not stated in the paper", lo=1, hi=30),
-    v_0=Param("m/s", 0.1, "the slip ratio is not formed below", "added", lo=1e-3, hi=100),
+    v_0=Param("m/s", 0.1, "least speed in the slip ratio", "added", lo=1e-3, hi=100),
     omega_0=Param(
         "rad/s", 0.1, "wheel speed below which the brake fades", "added", lo=1e-3, hi=100
     ),

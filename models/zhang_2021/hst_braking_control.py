@@ -109,7 +109,7 @@ def arbitration(
     J=INERTIA,
     r=RADIUS,
     T_max=Param("N m", 20e3, "largest torque", GUESS, lo=1, hi=1e8),
-    v_off=Param("m/s", 1.0, "slip control is off below", GUESS, lo=0, hi=1000),
+    v_off=Param("m/s", 1.0, "speed below which slip control is off", GUESS, lo=0, hi=1000),
     part=Param("1", 0.7, "share of the carried torque that is used below v_off", GUESS, lo=0, hi=1),
 ):
     """Torque applied: the demand, unless slip control wants less; Zhang 2021, Remark 3.

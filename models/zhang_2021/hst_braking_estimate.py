@@ -152,7 +152,7 @@ def speed_fusion(
               "added; twice the largest of the runs", lo=0, hi=100),
     calm=Param("1", 20.0, "ticks of a small force after which the wheel rolls; four time constants"
                " of the adhesion filter", "added", lo=0, hi=1000),
-    v_0=Param("m/s", 0.1, "the slip ratio is not formed below", "added", lo=1e-3, hi=100),
+    v_0=Param("m/s", 0.1, "least speed in the slip ratio", "added", lo=1e-3, hi=100),
     T=PERIOD,
 ):  # fmt: skip
     """Train speed and slip ratio from accelerometer and wheel speed, with their variances.

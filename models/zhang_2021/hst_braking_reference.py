@@ -450,13 +450,13 @@ def shaper(
     lam=NOW,
     F_a=Input("N", "estimated adhesion force", positive="traction"),
     v=Input("m/s", "train speed"),
-    up=Param("1/s", 0.5, "largest rate", GUESS, lo=0, hi=1000),
+    up=Param("1/s", 0.5, "largest rise of the reference", GUESS, lo=0, hi=1000),
     share=Param(
         "1", 0.8, "share of the fastest fall that a released brake allows", GUESS, lo=0, hi=1000
     ),
     tau_ref=Param("s", 0.01, "time constant of the filter", GUESS, lo=1e-3, hi=10),
     near=Param("1", 0.02, "the reference waits while the slip is further off", GUESS, lo=0, hi=100),
-    v_off=Param("m/s", 1.0, "slip control is off below", GUESS, lo=1e-3, hi=1000),
+    v_off=Param("m/s", 1.0, "speed below which slip control is off", GUESS, lo=1e-3, hi=1000),
     J=INERTIA,
     r=RADIUS,
     lam_ref_start=FIRST,

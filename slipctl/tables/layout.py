@@ -331,6 +331,9 @@ def _fit_rows(path: Path, layout: Layout) -> None:
     last = whole[-1][0] if whole else 0
     below = [r for r in short if r[0] > last]
     inside = [r for r in short if r[0] < last]
+    if inside and short[0] == layout.rows[0] and all(is_unit(c) for c in short[0][1] if c):
+        raise BadInput(f"{path}, line {short[0][0]} looks like a row of units, but has fewer cells"
+                       " than the head; write one for each column, - for none")  # fmt: skip
     if not whole:
         n, c = short[0]
         raise BadInput(

@@ -218,7 +218,8 @@ SEEKING = (
         assumption="of the adhesion, peak to peak, last second",
     ),
     Claim(
-        "smes_wet_frequency", FIG_8, "and faster", "order", "dry > wet",
+        "smes_wet_frequency", FIG_8, "its oscillation is faster on wet than on dry", "order",
+        "dry > wet",
         lambda r: {n: period(r, "smes_robust", k) for n, k in (("dry", DRY), ("wet", WET))}, "s",
         tolerance="5 %", tolerance_why="shorter periods by a rounding of the ripple are not faster",
         scenario="base", loop="smes_robust", assumption="period of the adhesion, last second",
@@ -286,7 +287,8 @@ TORQUES = (
         scenario="base", assumption="mean over the whole periods of 9 s to 10 s",
     ),
     Claim(
-        "torque_similar", "section 4.2, Figs 11, 12", "and much the same on the other sections",
+        "torque_similar", "section 4.2, Figs 11, 12",
+        "perturbation seeking reaches much the same torque on the other sections",
         "number", 0.0, lambda r: 100 * max(
             abs(mean("esa_robust", TORQUE, k)(r) / mean("improved_robust", TORQUE, k)(r) - 1)
             for k in (WET, AGAIN)), "%",
@@ -323,7 +325,8 @@ BARRIER = (
         why=rest_of_printed("paper_printed"),
     ),
     Claim(
-        "tracks_transient", "section 5 (3)", "and tracks with high precision there", "number", 0.02,
+        "tracks_transient", "section 5 (3)",
+        "the printed law tracks with high precision through the rail changes", "number", 0.02,
         largest_error("paper_printed"), "m/s", bound="at most", scenario="base",
         loop="paper_printed", assumption="high precision: within the k_b = 0.02 m/s of section 4.2,"
         " to either side; (42) to the letter",

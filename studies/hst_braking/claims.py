@@ -254,7 +254,7 @@ TRACKING = (
                 f"{words} has the longest adjustment time", "order", "efc < pid > eppfc",
                 slip_times(2000, loops, never=LENGTH), "s", tolerance=0.0,
                 tolerance_why="an order", scenario="base", loop=loops["pid"],
-                assumption="error below 0.0005 for good after the change at 2 s, never counts as"
+                assumption="error below 0.0005 for good after the change at 2 s; never counts as"
                 f" the 2 s of the rail; {assumed}",
             ),
         )

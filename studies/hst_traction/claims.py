@@ -224,7 +224,7 @@ SLIP = (
     ),
     *(
         Claim(
-            f"limit_is_most_{surface}", "section 3.3, Theorem 2", "and is capable of the largest"
+            f"limit_is_most_{surface}", "section 3.3, Theorem 2", "the limit allows the largest"
             f" adhesion force, {surface}", "number", 1.0, used("stress", start, stop),
             tolerance="5 %", tolerance_why="the largest", scenario="stress", loop="hosm_limited",
             assumption="mean limit by what the rail carries",

@@ -25,7 +25,9 @@ from slipctl.models.vehicle import (
     WheelsOnly,
     case,
 )
+from slipctl.models.vehicle.measurement.sensor_parts import vehicle_speed
 from slipctl.models.vehicle.parts import SlipControl
+from slipctl.models.vehicle.parts.sensors import LargestWheel
 from slipctl.models.vehicle.wheels import bounded_speed, learnt_radii
 
 DRY = Track(law="exponential_tail", sections=(Stretch(place=0.0, condition="dry"),))
@@ -157,6 +159,26 @@ def test_the_speed_goes_on_by_momentum_while_all_wheels_slide():
     assert (np.abs(off) <= log["speed.error"].values).all()
     assert off.max() < 1.2  # 0.3 s of 1.5 m/s^2, as a limit of the rate alone would have, is 4.7
     assert log["speed.error"].values.max() > 1.0
+
+
+@pytest.mark.parametrize(("asked", "uphill"), [(1.0, 0.0), (3.0, 0.0), (0.8, 0.05), (6.0, 0.05)])
+@pytest.mark.parametrize("sensor", [WheelsOnly(), LargestWheel()])
+def test_the_speed_falls_with_any_train_that_brakes_as_it_is_asked(sensor, asked, uphill):
+    # every wheel slips by 10 %; an estimate that may not fall with the train is too high, and a
+    # controller that believes it releases the brakes on dry rail
+    made = trip(demand=Constant(deceleration=asked), actuator=Lag(torque=60e3, lag=0.06),
+                rail=replace(DRY, gradient=uphill),
+                sensors=Sensors(wheel_speed=Exact(), vehicle_speed=sensor))  # fmt: skip
+    parts = {"ctl": bounded_speed(4)}
+    vehicle_speed(made, parts, {"ctl.omega": ""})
+    block = parts["speed"].with_params(v_start=10.0)
+    falls = asked + 9.81 * uphill
+    v = 10 - falls * 1e-3 * np.arange(100)
+    pull = 0.42 * (38e3 * asked + 4 * 110 * 0.9 * falls / 0.42**2) / 4
+    given = dict(omega=lambda k: np.full(4, 0.9 * v[k] / 0.42), torque=lambda k: np.full(4, pull))
+    said = rolled(block, 100, **{n: f for n, f in given.items() if n in block.inputs})
+    off = said["v_m"][:, 0] - v
+    assert off[-1] <= off[0]
 
 
 @pytest.mark.parametrize("driven", [False, True])

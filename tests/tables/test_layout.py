@@ -66,6 +66,7 @@ REFUSED = {
     "a decimal comma": ("t,v\n0,1\n1,2,7\n", "'7' is beyond it; a decimal comma between commas"),
     "a cell without a name": ("t,,w\n0,,2\n1,5,3\n", "line 3: cell 2, '5', has no name"),
     "no row has all": ("t;v;w;x\n0;1;2\n1;2;3\n", "line 2 has 3 cells, its head 4, and no line"),
+    "units that lack a cell": ("t v\n km/h\n0 1\n1 2\n2 3\n", "line 2 looks like a row of units"),
     "many short rows": ("t;v;w\n" + "0;1;2\n1;2\n" * 5 + "3;4;5\n",
                         "line 3 has 2 cells, its head 3; so have 4 others"),
     "halves of numbers": ("t,v,w\n0,79,05\n1,79,10\n", "line 2: '79,05' looks like one number"),

@@ -62,12 +62,16 @@ def vehicle_speed(trip: Trip, parts: dict[str, Block], wires: dict[str, str]) ->
     many = len(trip.vehicle.worked)
     wires["speed.omega"] = wires["ctl.omega"]
     if isinstance(part, LargestWheel):
-        parts["speed"] = largest_wheel(many).with_params(a_max=part.rate)
+        parts["speed"] = largest_wheel(many).with_params(a_max=part.rate or trip.fastest_change)
         return "speed.v_m"
     wires["speed.torque"] = "plant.T"
     if isinstance(part, WheelsOnly):
         block = bounded_speed(many, trip.vehicle.mode == "drive")
-        parts["speed"] = block.with_params(a_max=part.rate, margin=part.margin, beside=part.beside)
+        known = max(0.15, trip.beside_torques)
+        parts["speed"] = block.with_params(
+            a_max=part.rate or trip.fastest_change, margin=part.margin,
+            beside=known if part.beside is None else part.beside,
+        )  # fmt: skip
         return "speed.v_m"
     assert isinstance(part, Fused)
     meter = trip.sensors.accelerometer

@@ -46,19 +46,28 @@ class NoisySpeed(Part):
     dropout: float = number("1", 0.0, "share of lost samples; the last one is held", lo=0, hi=0.99)
 
 
+FOLLOWS = "; none given: 1.2 times what demand, brakes and gradient give, at least 1.5"
+"""Where the largest change of the vehicle's speed comes from."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class WheelsOnly(Part):
     """Vehicle speed from the wheels alone: the axle that slips least, within a largest rate."""
 
     kind: Literal["wheels"] = "wheels"
-    rate: float = number(
-        "m/s^2", 1.5, "largest rate at which the vehicle can change its speed", lo=0.01, hi=10
+    rate: float | None = number(
+        "m/s^2",
+        None,
+        f"largest rate at which the vehicle can change its speed{FOLLOWS}",
+        lo=0.01,
+        hi=10,
     )
     margin: float = number("1", 0.15, "relative error of the torques", lo=0, hi=1)
-    beside: float = number(
+    beside: float | None = number(
         "m/s^2",
-        0.15,
-        "largest acceleration by gradient and resistance, beside the torques",
+        None,
+        "largest acceleration by gradient and resistance, beside the torques; none given: that of"
+        " the track and of the vehicle at its first speed, at least 0.15",
         lo=0,
         hi=5,
     )
@@ -69,7 +78,9 @@ class LargestWheel(Part):
     """Vehicle speed of classical slide protection: the fastest wheel, a largest deceleration."""
 
     kind: Literal["largest_wheel"] = "largest_wheel"
-    rate: float = number("m/s^2", 1.5, "largest deceleration of the vehicle", lo=0.01, hi=10)
+    rate: float | None = number(
+        "m/s^2", None, f"largest deceleration of the vehicle{FOLLOWS}", lo=0.01, hi=10
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass
 from itertools import pairwise
 
+import numpy as np
+
 from slipctl.models.vehicle.parts.actuator import Actuator, Lag
 from slipctl.models.vehicle.parts.controllers import (
     Controller,
@@ -210,6 +212,31 @@ class Trip(Part):
         if self.control.radius is None:
             return self.vehicle.wheel_radius
         return sum(self.believed) / len(self.believed)
+
+    @property
+    def beside_torques(self) -> float:
+        """Largest acceleration in m/s^2 by gradient and running resistance."""
+        vehicle, given = self.vehicle, self.rail.gradient
+        slopes = [s.gradient for s in given] if isinstance(given, tuple) else [given]
+        a, b, c = vehicle.resistance.of(vehicle.total)
+        drag = (a + (b + c * vehicle.speed) * vehicle.speed) / vehicle.total
+        return vehicle.gravity * max(map(abs, slopes)) + drag
+
+    @property
+    def fastest_change(self) -> float:
+        """Largest rate in m/s^2 at which the estimated speed may change.
+
+        A speed that may not fall as fast as the train releases its brakes on dry rail.
+        """
+        vehicle, demand, magnets = self.vehicle, self.demand, self.vehicle.track_brake
+        given = sum(self.actuator.torque / vehicle.radii[k] for k in vehicle.worked) / vehicle.total
+        for name, mass in (("deceleration", 1.0), ("acceleration", 1.0), ("force", vehicle.total)):
+            asked = getattr(demand, name, None)
+            if asked is not None:
+                given = min(given, max(np.atleast_1d(asked)) / mass)
+        if magnets is not None:
+            given += magnets.attraction * magnets.friction / vehicle.total
+        return max(1.5, 1.2 * (given + self.beside_torques))
 
     @property
     def learns(self) -> bool:

@@ -103,7 +103,7 @@ export class Plots {
       width: Math.max(at("plots").clientWidth, 100), height: HIGH + (last ? AXIS : 0), legend: { show: false },
       cursor: { sync: { key: "time" }, drag: { x: true, y: false, setScale: false }, points: { size: 5 } },
       scales: { x: { time: false, auto: false }, y: { range: (/** @type {any} */ _, /** @type {number} */ lo, /** @type {number} */ hi) => this.range(k, lo, hi) } },
-      axes: [{ ...axis, size: last ? AXIS : 0, ticks: { show: false }, values: last ? undefined : () => [] }, { ...axis, size: 48, space: 22 }], padding: [4, 8, 0, 0],
+      axes: [{ ...axis, size: last ? AXIS : 0, ticks: { show: false }, values: last ? undefined : () => [] }, { ...axis, size: 48, space: 22, values: (/** @type {any} */ _, /** @type {number[]} */ at) => at.map((n) => (n !== 0 && Math.abs(n) < 1e-3 ? n.toExponential() : short(n))) }], padding: [4, 8, 0, 0],
       series: [{}, ...series.map((/** @type {any} */ s) => ({ stroke: this.hue(s), dash: DASHES[/** @type {"main"} */ (s.looks)] || [],
         width: s.looks === "axle" ? 1.1 : 1.5, points: { show: false } }))],
       hooks: {

@@ -37,7 +37,7 @@ export class Signals {
       const row = now.time.reduce((best, t, k) => (Math.abs(t - (this.time ?? 0)) < Math.abs(now.time[best] - (this.time ?? 0)) ? k : best), 0);
       this.rows = now.panels.flatMap((p) => p.series.map((/** @type {any} */ s) => (
         { name: p.series.length > 1 ? `${p.name}, ${s.name}` : p.name, doc: "", unit: p.unit, values: [s.values[row]] })));
-      fill(at("signals-words"), `at ${short(now.time[row], 5)} s of what the middle shows, ${this.rows.length} signals`);
+      fill(at("signals-words"), `at ${short(now.time[row], 5)} s of what the middle shows, ${this.rows.length} signal${this.rows.length === 1 ? "" : "s"}`);
       this.show();
       return;
     }
