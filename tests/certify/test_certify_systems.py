@@ -42,6 +42,7 @@ from slipctl.models.zhang_2021.certificate import prescribed_performance as ppc
 F = Fraction
 FUNNEL = dict(K1=100, T=1e-3, eta_inf=0.005, delta_l=1.2, delta_u=1.2)
 FREIGHT = dict(k=1200, k_a=1.22986, k_s=0.02, T=2e-4)
+AXLE = dict(J=150, k=7.526e6, z=0.005, N=105e3, r=0.625)
 GOOD = {
     "super_twisting": dict(k1=1.5, k2=1.1, L=1),
     "super_twisting_implicit": dict(k1=1.5, k2=1.1, L=1, T=0.01, band=2e-4),
@@ -61,6 +62,7 @@ GOOD = {
     "filter": dict(gamma=0.23, R=1, H=0.0071, share=0.02, time=0.03),
     "lagged_loop": dict(K=100, T=1e-3, lag=0.05),
     "load_observer": dict(L1=80, L2=-64000, J=40, slowest=10),
+    "twisting_axle": AXLE | dict(fall=0.01),
 }  # fmt: skip
 BAD = {
     "super_twisting": dict(k1=0.98, k2=1.1, L=1),
@@ -78,6 +80,7 @@ BAD = {
     "filter": dict(gamma=0.23, R=1, H=0.0071, dt=0, P=0.5, share=0.5, time=2),
     "lagged_loop": dict(K=100, T=0.03),
     "load_observer": dict(L1=-40, L2=-40, J=1),
+    "twisting_axle": AXLE | dict(fall=0.01159),
 }  # fmt: skip
 
 
