@@ -517,7 +517,7 @@ def test_folder_builds_and_tests_itself(run: Any, tmp_path: Path) -> None:
     # the test program notices a wrong number
     lines = (tmp_path / "vectors.txt").read_text().splitlines()
     row = lines[-1].split()
-    row[-2] = repr(float(row[-2]) + 1e-9)  # the last one is the status
+    row[-1] = repr(float(row[-1]) + 1e-9)  # a state of the last tick
     (tmp_path / "vectors.txt").write_text("\n".join([*lines[:-1], " ".join(row)]))
     assert subprocess.run([make, "test"], cwd=tmp_path, capture_output=True).returncode != 0
 
