@@ -74,6 +74,7 @@ from slipctl.models.vehicle.safe_output import (
     sample,
 )
 from slipctl.models.vehicle.slip.fixed_reference import fixed_reference
+from slipctl.models.vehicle.slip.own_law import own_block, own_slip_law
 from slipctl.models.vehicle.slip.scheduled_pi import scheduled_pi
 from slipctl.models.vehicle.slip.takeover import (
     applied,
@@ -187,7 +188,7 @@ def block_of_bits(trip: Trip, part: Controller) -> Block | None:
     Raises:
         BadInput: no such block, an unknown number of it, one that does not fit the trip.
     """
-    block = load_block(part.block) if isinstance(part, OwnLaw) else None
+    block = own_block(trip, part) if isinstance(part, OwnLaw) else None
     if block is None or not gives_bits(block):
         return None
     assert isinstance(part, OwnLaw)
@@ -221,20 +222,7 @@ def slip_law(trip: Trip, part: Controller, w: Wheel) -> tuple[Block, bool]:
         block = form.laws(driven, trip.control.period)[part.kind](w)
     else:
         assert isinstance(part, OwnLaw)
-        block = load_block(part.block)
-        has = ("v", "v_s", "v_best", "F", "D", "T", "T_top")
-        other = [n for n, s in block.inputs.items() if n not in has and s.value is None]
-        if other or "T_wanted" not in block.outputs or block.kind == "flow":
-            raise BadInput(
-                f"{part.block} is no slip law: "
-                + (f"it needs {other[0]}; a law may ask for {', '.join(has)}" if other else
-                   "it is a flow; sampled(law, 1e-3, 'euler') first" if block.kind == "flow" else
-                   f"it gives {', '.join(block.outputs) or 'nothing'}, not T_wanted")
-            )  # fmt: skip
-        own = {"J": w.J, "r": w.r, "m": w.m, "g": w.g, "tau": w.tau, "T_max": w.T_max}
-        fits = {n: v for n, v in own.items() if n in block.params and not block.params[n].derived
-                and of_the_wheel(block.params[n], n)}  # fmt: skip
-        block = block.with_params(**fits)
+        block = own_slip_law(trip, part, w)
     return block.with_params(**numbers_of(block, part.gains, "gains")), False
 
 

@@ -67,7 +67,7 @@ class Report:
             largest, of = expected_outputs.largest_relative(d["signals"])
             left = "".join(
                 _left_out(said, [n for n, s in d["signals"].items() if s["compared"] == how])
-                for how, said in (("envelope", "the range alone"), ("nothing", "nothing"))
+                for how, said in (("envelope", "by the range alone"), ("nothing", "not at all"))
             )
             lines.append(
                 f"  {d['ticks']} ticks replayed, largest difference from Python"
@@ -111,5 +111,4 @@ class Report:
 def _left_out(said: str, names: list[str]) -> str:
     """Of how many signals not every tick is compared, with the commands among them by name."""
     asked = ", ".join(n for n in names if "." not in n)
-    told = f"; of {len(names)} signals {said}" + f", among them {asked}" * bool(asked)
-    return told * bool(names)
+    return f"; {len(names)} compared {said}{f', among them {asked}' * bool(asked)}" * bool(names)

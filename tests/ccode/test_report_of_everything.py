@@ -221,7 +221,8 @@ def test_what_is_printed(data) -> None:
     assert f"one instance: {data['memory_bytes']['state']} bytes of state" in lines
     assert (
         f"{data['ticks']} ticks replayed, largest difference from Python 1.5e-09 of the largest"
-        " value (y); of 1 signals the range alone, among them z: passed"
+        " value (y); 1 compared by the range alone, among them z; 1 compared not at all, among them"
+        " s: passed"
     ) in lines
     assert (
         "cortex-a: no warning, text 2001, data 2002, bss 2003 bytes, stack 2011,"
@@ -256,7 +257,7 @@ def test_a_report_has_passed_only_if_each_part_has(data) -> None:
         (failure,) = report(bad).failures  # it is told as what it is, and as nothing else
         assert word in failure, place
     failed = str(report(data | {"passed": False}))
-    assert "range alone, among them z: FAILED" in failed
+    assert "not at all, among them s: FAILED" in failed
     assert (
         "gcc 77.1: gcc said well; 31 ticks with another status; public symbols adds_one," in failed
     )

@@ -114,14 +114,12 @@ def refuse_misfits(trip: Trip, block: Block) -> None:
     """Refuse a block that gives bits and does not fit a trip.
 
     Raises:
-        BadInput: no air brake, a flow, an input that slide protection has not.
+        BadInput: no air brake, an input that slide protection has not.
     """
     if not isinstance(trip.actuator, Air):
         raise BadInput(
             f"{block.name} gives the bits of two valves; write kind = 'air' under [actuator]"
         )
-    if block.kind == "flow":
-        raise BadInput(f"{block.name} is a flow; write it with a tick: sampled(it, 1e-3, 'euler')")
     other = [n for n, s in block.inputs.items() if n not in SEEN and s.value is None]
     if other:
         raise BadInput(

@@ -124,7 +124,7 @@ class AxleTick:
         guess = float(fall(self.goal) + self.steady) * numbers.J / numbers.r
         begun = wheel(self.trip, self.part.reference).v_best
         first = np.concatenate([[self.goal], np.full(1 + int(ticks), guess), begin])
-        return Built(loop, _Rest(f, first, begun, len(begin)).cell)
+        return Built(loop, _Rest(f, first, begun, tuple(control.states)).cell)
 
     def _fall(self, v: float) -> Any:
         """D of the slip in symbols or numbers."""
@@ -203,18 +203,20 @@ def loop_law(trip: Trip, part: SlipLaw | OwnLaw, loop: Block) -> Block:
 class _Rest:
     """Finds the rest of a tick by Newton steps, in floats."""
 
-    def __init__(self, f: ca.Function, first: np.ndarray, begun: float, kept: int) -> None:
+    def __init__(
+        self, f: ca.Function, first: np.ndarray, begun: float, law: tuple[str, ...]
+    ) -> None:
         """Take a tick, its states with a guess of the torque, and where the law begins.
 
         Args:
-            f: the tick. first: states. begun: slip at which the law begins. kept: number of states
-                of the law, the last ones.
+            f: the tick. first: states. begun: slip at which the law begins. law: names of the
+                states of the law, the last ones.
         """
         z = ca.SX.sym("z", len(first) + 4)
         after = f(z)
         self.f = ca.Function("after", [z], [after, ca.jacobian(after, z)])
         self.many, self.goal, self.begun = len(first), float(first[0]), begun
-        self.first, self.kept = first, kept
+        self.first, self.law, self.kept = first, law, len(law)
 
     def cell(self, slow: tuple[tuple[Fraction, Fraction], ...]) -> Cell:
         """Cell of a range of the height, with the rest and how it moves.
@@ -253,25 +255,42 @@ class _Rest:
         tries = [(0, 0.0)] + [
             (k, size) for size in (1.0, -1.0, 0.3, -0.3) for k in range(self.kept)
         ]
-        for k, size in tries:
-            x = settled.copy()
-            if size:
-                x[self.many - self.kept + k] += size * settled[1]
-            for _ in range(30):
-                after, J = (
-                    np.array(part) for part in self.f(np.concatenate([x, [0, 0, 0, height]]))
-                )
-                off = after[:, 0] - x
-                if np.abs(off).max() < 1e-10 * max(1.0, np.abs(x).max()):
-                    if abs(x[0] - self.goal) < 1e-6 * self.goal:
-                        return x, J
-                    break
-                try:
-                    x = x + np.linalg.solve(np.eye(self.many) - J[:, : self.many], off)
-                except np.linalg.LinAlgError:
-                    break
-        raise NoProof(f"no rest was found at a slip of {self.goal:.4g} m/s: a state drifts, or a"
-                      " limit of the torque is in the way")  # fmt: skip
+        for base in (settled, self.first):  # an integral may have run into a limit meanwhile
+            for k, size in tries if self.kept else tries[:1]:
+                x = base.copy()
+                if size:
+                    x[self.many - self.kept + k] += size * self.first[1]
+                found = self._solved(x, height)
+                if found is not None:
+                    return found
+        raise NoProof(f"no rest was found at a slip of {self.goal:.4g} m/s: "
+                      + self._drift(settled, height))  # fmt: skip
+
+    def _after(self, x: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
+        """States after a tick without pushes, and their slopes by the states and the height."""
+        after, J = self.f(np.concatenate([x, [0, 0, 0, height]]))
+        return np.array(after)[:, 0], np.array(J)
+
+    def _solved(self, x: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray] | None:
+        """Rest that Newton steps lead to, with its slopes; None where they lead to none."""
+        for _ in range(30):
+            after, J = self._after(x, height)
+            off = after - x
+            if np.abs(off).max() < 1e-10 * max(1.0, np.abs(x).max()):
+                return (x, J) if abs(x[0] - self.goal) < 1e-6 * self.goal else None
+            try:
+                x = x + np.linalg.solve(np.eye(self.many) - J[:, : self.many], off)
+            except np.linalg.LinAlgError:
+                return None
+        return None
+
+    def _drift(self, settled: np.ndarray, height: float) -> str:
+        """Which states of the law still move at the goal, in words."""
+        off = (self._after(settled, height)[0] - settled)[self.many - self.kept :]
+        near = 1e-6 * np.maximum(1.0, np.abs(settled[self.many - self.kept :]))
+        moving = [name for name, o, n in zip(self.law, off, near, strict=True) if abs(o) > n]
+        return (f"there {' and '.join(moving[:3])} of the law still moves" if moving else
+                "a limit of the torque is in the way")  # fmt: skip
 
 
 def short_curve(falls_of: Block, adhesion: Block) -> Block:
