@@ -66,6 +66,13 @@ def check_known(what: str, name: Any, known: Collection[Any], told: str = "") ->
         raise BadInput(f"{what} {name!r}{told}{nearest(name, known)}")
 
 
+def check_all_known(what: str, names: Iterable[Any], known: Collection[Any]) -> None:
+    """Refuse names of which one is none of the known ones; see :func:`check_known`."""
+    for name in names:
+        if name not in known:
+            check_known(what, name, known)
+
+
 def refuse_unknown_choice(what: str, choice: str, given: str, choices: Iterable[str]) -> None:
     """Refuse a structural choice that does not exist.
 
@@ -233,6 +240,8 @@ def _wrong_kind(where: str, declared: Any, given: Mapping[str, Any]) -> str:
             rows = value.items() if many == "**" else enumerate(value)
         for key, one in rows:
             told = name if many is None else f"{name}[{key}]" if many == "*" else key
+            if type(one) is kind is not int:
+                continue
             if isinstance(one, (list, tuple)) and _nested(one):
                 return f"{where}: {told} is nested deeper than {DEEPEST} lists"
             if not _is(one, kind):
@@ -309,7 +318,8 @@ def _is(value: Any, kind: Any) -> bool:
     if kind is None or kind is type(None):
         return value is None
     if origin in (typing.Union, types.UnionType):
-        return any(_is(value, k) for k in inside)
+        plainly = type(value) is not int and type(value) in inside
+        return plainly or any(_is(value, k) for k in inside)
     if kind is float:
         return _is_number(value)
     if kind is complex:
@@ -396,6 +406,8 @@ def _told(kind: Any) -> str:
         return words[kind]
     if origin is collections.abc.Callable:
         return "function"
+    if origin is typing.Literal:
+        return " or ".join(map(repr, inside))
     if origin and issubclass(origin, Mapping) and len(inside) == 2:
         return f"mapping from {_told(inside[0])} to {_told(inside[1])}"
     if origin and inside and origin in _MANY:

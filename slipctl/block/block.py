@@ -22,7 +22,7 @@ from slipctl.block.fields import ROLES, Body, Composition, LawData, Rebuild
 from slipctl.block.functions import Exprs, Functions
 from slipctl.block.signals import Signal
 from slipctl.block.text.named_expressions import evaluate, names_in
-from slipctl.errors import BadInput, check_known, nearest
+from slipctl.errors import BadInput, check_all_known, check_known, nearest
 
 
 class Block(Functions):
@@ -76,8 +76,7 @@ class Block(Functions):
         Raises:
             BadInput: unknown state, value off range, or an expression that cannot be computed.
         """
-        for n in override:
-            check_known(f"{self.name} has no state", n, self.states)
+        check_all_known(f"{self.name} has no state", override, self.states)
         shared = {n: v for n, v in override.items() if n in self.sharing.aliases}
         if shared:  # what follows them does so
             rest = {n: v for n, v in override.items() if n not in shared}
@@ -95,8 +94,7 @@ class Block(Functions):
             BadInput: unknown name, an input without value, a parameter off range.
         """
         known = {**self.states, **self.inputs, **self.params}
-        for n in numbers:
-            check_known(f"{self.name} has no signal", n, known)
+        check_all_known(f"{self.name} has no signal", numbers, known)
         shared = {n: v for n, v in numbers.items() if n in self.sharing.aliases}
         if shared and not set(self.states) <= set(numbers):  # what follows them does so
             rest = {n: v for n, v in numbers.items() if n not in shared}

@@ -12,7 +12,7 @@ import numpy as np
 from slipctl.block.signals import packed_numbers, total_size
 from slipctl.block.text.intermediates import collect_locals, values_of_body, with_checked_locals
 from slipctl.block.values import Values
-from slipctl.errors import BadInput, check_known, list_of_kind
+from slipctl.errors import BadInput, check_all_known, check_known, list_of_kind
 
 Exprs = dict[str, Any]
 _PREFIX = {"state": "x", "input": "u", "param": "p", "output": "y"}
@@ -38,8 +38,8 @@ class Functions(Values):
         for name in wanted:
             if name not in given:
                 raise BadInput(f"{self.name} does not return its {what} {name!r}")
+        check_all_known(f"{self.name} returns an undeclared {what}", given, wanted)
         for name, value in given.items():
-            check_known(f"{self.name} returns an undeclared {what}", name, wanted)
             if value is None or isinstance(value, (str, Mapping)):
                 raise BadInput(
                     f"{self.name} returns {value!r} as {what} {name!r}; return an expression"
@@ -168,8 +168,7 @@ class Functions(Values):
         results = {**n, **y}
         check_known(f"{self.name} has no output or state", of, results)
         known = {**groups[0], **groups[1], **groups[2]}
-        for w in wanted:
-            check_known(f"{self.name} has no signal", w, known)
+        check_all_known(f"{self.name} has no signal", wanted, known)
         J = ca.horzcat(*[ca.jacobian(results[of], known[w]) for w in wanted])
         return ca.Function(f"jac_{self._c_name()}", args, [J], names, ["J"])
 

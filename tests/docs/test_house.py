@@ -12,10 +12,11 @@ ROOT = Path(__file__).parents[2]
 house = script("measure_house")
 
 REACHED = {
-    "most files side by side", "public functions whose names say nothing",
-    "modules whose names say nothing", "files in the largest circle", "parameters of export",
-    "parameters of Block", "parameters of nmpc", "files to touch: a controller",
-    "files to touch: a metric", "files to touch: a command", "files to touch: a kind of plant",
+    "most files side by side", "longest function, lines",
+    "public functions whose names say nothing", "modules whose names say nothing",
+    "files in the largest circle", "parameters of export", "parameters of Block",
+    "parameters of nmpc", "files to touch: a controller", "files to touch: a metric",
+    "files to touch: a command", "files to touch: a kind of plant",
 }  # fmt: skip
 """What is reached joins here, and stays."""
 

@@ -337,8 +337,7 @@ def _proven(loop: Loop, proof: Proof) -> Found | None:
     farthest = (least + root) / (2 * alpha) * DOWN
     last = 2 * rho / (least + root) * UP
     return Found(farthest, last, spreads[0], _largest(x, degree), least,
-                 alpha, rho, proof, before, heard_loud, stiff,
-                 spreads)  # fmt: skip
+                 alpha, rho, proof, before, heard_loud, stiff, spreads)  # fmt: skip
 
 
 def _shifted(here: Ball, W: Ball, degree: int) -> tuple[Ball, Ball]:

@@ -26,6 +26,7 @@ from slipctl.models.vehicle.certificate.own_gains import why_not
 from slipctl.models.vehicle.certificate.slide_tick import SlideTick
 from slipctl.models.vehicle.control import slip_law, wheel
 from slipctl.models.vehicle.parts import Constant, Controller, Lag, OwnLaw, SlipLaw, Trip
+from slipctl.models.vehicle.slip.own_law import sample_time
 
 NO_RAIL = (
     "on every rail of the file the demand or the actuator gives less than the adhesion carries, so"
@@ -196,7 +197,7 @@ class _Asked:
         found = {
             "W": assumed.push + self._others(n) * most, "noise": assumed.noise,
             "force": assumed.error * force if hears_force(law) else 0.0,
-            "lag": lag, "dead": act.dead_time, "T": self.trip.control.period,
+            "lag": lag, "dead": act.dead_time, "T": sample_time(self.trip, self.part),
             "v": self.over.speed, "least": least, "most": most, "goal": self.goal,
             "band": assumed.tube * self.goal, "off": assumed.off,
         }  # fmt: skip
@@ -249,7 +250,7 @@ class _AskedModes(_Asked):
         top = float(np.max(now.get("ctl.apply.T_max", self.trip.actuator.torque)))
         return {
             "W": assumed.push + self._others(n) * most, "noise": assumed.noise,
-            "dead": self.trip.actuator.dead_time, "T": self.trip.control.period,
+            "dead": self.trip.actuator.dead_time, "T": sample_time(self.trip, self.part),
             "least": least, "most": most, "v": self.over.speed,
             "demand": min(self._demand(n), top),
             "band": self.over.speed if assumed.slip is None else assumed.slip,

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from typing import Any
@@ -31,6 +32,7 @@ from slipctl.certify.ticks.tick_code import code_of_function
 from slipctl.models.vehicle.control import slip_law, wheel
 from slipctl.models.vehicle.parts import OwnLaw, SlipLaw, Trip
 from slipctl.models.vehicle.plant import on_train
+from slipctl.models.vehicle.slip.own_law import sample_time
 from slipctl.models.vehicle.slip.takeover import applied
 
 SETTLING = 500
@@ -59,7 +61,7 @@ class AxleTick:
         self.trip, self.part, self.goal, self.steady = trip, part, goal, steady
         self.falls, self.given = falls, dict(given)
         now = loop.values_by_place()
-        self.period = trip.control.period
+        self.period = sample_time(trip, part)
         self.law = loop_law(trip, part, loop)
         self.lead = float(np.max(now.get("ctl.apply.lead", 1.0)))
         self.T_max = float(np.max(now.get("ctl.apply.T_max", trip.actuator.torque)))
@@ -192,9 +194,20 @@ def gain_of(law: Block) -> str:
 
 
 def loop_law(trip: Trip, part: SlipLaw | OwnLaw, loop: Block) -> Block:
-    """Law of a controller with the numbers that it has in a loop."""
+    """Law of a controller with the numbers that it has in a loop, at its own sample time.
+
+    Raises:
+        BadInput: a law that is slower than the controllers, with a lead: its filter runs faster.
+    """
+    period = sample_time(trip, part)
+    if part.lead > 1 and period > trip.control.period:
+        raise BadInput(
+            f"the law runs every {period:g} s and its lead every {trip.control.period:g} s; a"
+            " certificate takes one sample time, [control] period = the law's, or lead = 1"
+        )
     now = loop.values_by_place()
-    block, _ = slip_law(trip, part, wheel(trip, part.reference))
+    alone = replace(trip, control=replace(trip.control, period=period))
+    block, _ = slip_law(alone, part, wheel(trip, part.reference))
     own = {n: float(np.max(now[f"ctl.law.{n}"])) for n, s in block.params.items()
            if f"ctl.law.{n}" in now and not s.derived}  # fmt: skip
     return block.with_params(**own)

@@ -47,6 +47,7 @@ from slipctl.models.vehicle.parts import (
     Trip,
 )
 from slipctl.models.vehicle.plant import on_train
+from slipctl.models.vehicle.slip.own_law import sample_time
 from slipctl.models.vehicle.trip import best
 from slipctl.run.sweep.ensemble import FACTOR
 
@@ -342,7 +343,7 @@ def _of(trip: Trip, name: str, part: SlipLaw | OwnLaw, seen: dict[str, Withstood
         else:
             found = dict(NUMBERS[part.kind](loop, met))
         if "T" in found:  # the plant has a shorter tick
-            found["T"] = trip.control.period
+            found["T"] = sample_time(trip, part)
         if late:
             found |= {k: v for k, v in ((lag, lags(loop)), (dead, waits)) if k and v}
         return found

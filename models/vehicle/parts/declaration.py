@@ -12,6 +12,7 @@ import numpy as np
 from slipctl import BadInput
 from slipctl.block.units.unit_algebra import parse_quantity, split_quantity
 from slipctl.block.units.unit_algebra import unit as unit_of
+from slipctl.errors import check_kinds
 
 Fault = tuple[str, str]
 """A path such as ``"rail.sections.1"`` and what is wrong there."""
@@ -92,9 +93,15 @@ def torque_of(given: str | float) -> float | str:
 
 
 class Part:
-    """A part; it refuses numbers off range and what does not fit together."""
+    """A part; it refuses another kind than declared, numbers off range, and what does not fit."""
 
     def __post_init__(self) -> None:
+        given = {f.name: value for f in fields(self)  # type: ignore[arg-type]
+                 if (value := getattr(self, f.name)) is not f.default}  # fmt: skip
+        check_kinds(type(self).__name__, type(self), given)
+        for f in fields(self):  # type: ignore[arg-type]
+            if isinstance(given.get(f.name), list) and "tuple[" in f.type:
+                object.__setattr__(self, f.name, tuple(given[f.name]))
         self.complete()
         for path, text in self.wrong():
             raise BadInput(f"{type(self).__name__}: {path}: {text}" if path else text)

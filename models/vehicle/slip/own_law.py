@@ -6,12 +6,18 @@ import math
 
 from slipctl import BadInput, Block, every
 from slipctl.models.common_form import Wheel
-from slipctl.models.vehicle.parts import OwnLaw, Trip
+from slipctl.models.vehicle.parts import Controller, OwnLaw, Trip
 from slipctl.models.vehicle.parts.file_keys import of_the_wheel
 from slipctl.study.resolve import load_block
 
 INPUTS = ("v", "v_s", "v_best", "F", "D", "T", "T_top")
 """What slip control gives to a law."""
+
+
+def sample_time(trip: Trip, part: Controller) -> float:
+    """Time in s from one sample of the law of a controller to the next."""
+    own = load_block(part.block).period if isinstance(part, OwnLaw) else None
+    return own or trip.control.period
 
 
 def own_block(trip: Trip, part: OwnLaw) -> Block:

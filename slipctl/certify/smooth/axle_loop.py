@@ -178,7 +178,9 @@ class LoopQuestion:
                 entry, box = find(built.loop, built.rest((part,)), bounds)
                 slip = built.loop.states.index(SLIP)
                 if "band" in n and box[slip] > float(n["band"]):
-                    raise NoProof(f"the box that is proved reaches to {box[slip]:.4g} m/s")
+                    raise NoProof(
+                        f"the slip stays within {box[slip]:.4g} m/s, which is more than asked"
+                    )
                 cells.append(entry | {"far": str(Fraction(float(box[slip]) * (1 + 1e-9)))})
         except NoProof as error:
             self.why.append(str(error))
