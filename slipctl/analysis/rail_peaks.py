@@ -32,13 +32,15 @@ class Peaks:
     def __init__(self, law: Block, numbers: Mapping[str, Any], speed: float) -> None:
         self.speeds = np.linspace(0.5, max(speed, 1.0), 40)
         self.shares = SHARES if set(LAYER) <= set(law.inputs) else SHARES[-1:]
-        s, v, share = (ca.SX.sym(name) for name in ("s", "v", "share"))
-        u = {"v_s": -s, "v": v, "height": 1.0, "recovered": share}
-        given = {n: u.get(n, k.value) for n, k in law.inputs.items()}
-        mu = law.expr({}, given, law.param_values(**numbers))[1]["mu"]
-        curve = ca.Function("curve", [s, v, share], [-mu])
+        s, v, own = ca.SX.sym("s"), ca.SX.sym("v"), law.param_values(**numbers)
+        curves = []
+        for share in (0.0, 1.0):
+            u = {"v_s": -s, "v": v, "height": 1.0, "recovered": share}
+            given = {n: u.get(n, k.value) for n, k in law.inputs.items()}
+            curves.append(-law.expr({}, given, own)[1]["mu"])
         slips = np.geomspace(1e-3, 1.0, 400)[:, None] * self.speeds  # slip by speed
-        fouled, clean = (np.array(curve(slips, np.tile(self.speeds, (400, 1)), k)) for k in (0, 1))
+        both = ca.Function("curves", [s, v], curves)(slips, np.tile(self.speeds, (400, 1)))
+        fouled, clean = (np.array(curve) for curve in both)
         blends = [(1 - q) * fouled + q * clean for q in self.shares]
         at = np.array([b.argmax(axis=0) for b in blends])
         self.heights = np.array([b.max(axis=0) for b in blends])

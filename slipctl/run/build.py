@@ -202,7 +202,7 @@ def compile_roller(f: ca.Function, ticks: int = LONG) -> Roller | None:
     cc = compiler()
     if cc is None:
         return None
-    folder, content = cache_folder(), f.serialize()
+    folder, content = cache_folder(), _content(f)
     best = FLAGS
     levels = [best] if ticks >= LONG else [best, (*SHORT_LEVEL, *FLAGS[1:])]
     keys = [_key(content, cc, flags) for flags in levels]
@@ -223,6 +223,12 @@ def compile_roller(f: ca.Function, ticks: int = LONG) -> Roller | None:
     except (OSError, AttributeError, subprocess.SubprocessError, RuntimeError) as error:
         log.warning("cannot compile %s, going on without: %s", f.name(), error)
         return None
+
+
+@lru_cache(maxsize=4)
+def _content(f: ca.Function) -> str:
+    """All that makes a Function what it is; for a train it takes as long as a second of its run."""
+    return str(f.serialize())
 
 
 def _key(content: str, cc: str, flags: Sequence[str]) -> str:

@@ -1,5 +1,6 @@
 """The best a whole train can do: against brute force, the slope rule, and distances found apart."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -168,6 +169,26 @@ def test_the_local_law_is_nearly_as_good_and_bears_a_wrong_strength():
     assert share() == pytest.approx(1, abs=0.02)
     assert all(share(strength=s) > 0.75 for s in (1 / 3, 3))
     assert all(share(recovered=r) > 0.9 for r in (0.10, 0.25))
+
+
+def planned(t, factor):
+    """Stop where the program is solved anew at each place: its state is what each axle measures.
+
+    It believes ``factor`` times the strength; an axle measures the share of the clean curve.
+    """
+    believed = Rule(replace(t, tau=factor * t.tau), False, 26.0)
+    return stop(t, lambda x, v, W, fouled: believed(x, v, W / factor, fouled), 25.0, 2.0).distance
+
+
+@pytest.mark.second
+@pytest.mark.parametrize(("cars", "tau", "known", "wrong"), [(2, 3.4e-5, 2e-3, 5e-3),
+                                                             (4, 1.8e-4, 5e-2, 7e-2)])  # fmt: skip
+def test_a_plan_over_the_axles_gains_little_on_the_law(cars, tau, known, wrong):
+    """Shares of the distance, strength known and within three; docs/train_optimum.md has all."""
+    t = train(places(cars), tau)
+    for factor, most in ((1.0, known), (3.0, wrong), (1 / 3, wrong)):
+        law = stop(t, LocalRule(t, factor, fastest=26.0), 25.0, 2.0).distance
+        assert -0.01 < 1 - planned(t, factor) / law < most
 
 
 @settings(max_examples=6, deadline=None)

@@ -54,7 +54,7 @@ def settled(v, mu, v_s, **numbers):
     """Reference and share after ten seconds of the same samples."""
     block = REFERENCE.with_params(T=0.01, **numbers)
     x = block.pack("state", block.start())
-    u = block.pack("input", {"v": v, "mu": mu, "v_s": v_s, "factor": 1.0})
+    u = block.pack("input", {"v": v, "mu": mu, "v_s": v_s})
     p = block.pack("param", block.param_values())
     y = block.f.mapaccum(1000)(x, ca.repmat(u, 1, 1000), ca.repmat(p, 1, 1000))[1]
     return [float(k) for k in np.array(y)[:, -1]]

@@ -1,18 +1,19 @@
 """What the axles of a train see of the rail: a field under the train, and how well wheels clean.
 
-The field has cells that move back under the train. Each holds the share q of the clean curve as the
-last axle over it measured, that of the first axle, and the energy that wheels have left since:
+The field has cells that move back under the train. Each holds three numbers: the share q of the
+clean curve as the last axle over it measured, the share of the first axle, and the energy W that
+wheels have left since. Each axle that passes adds joule per metre of one rail:
 
-    W <- W + N mu v_s/v    joule per metre of one rail, of each axle that passes
+    W <- W + N mu v_s/v
 
 Where axle k finds more than the first one did, wheels have cleaned. With q = 1 - exp(-tau W),
 
     ln((1 - q_1)/(1 - q_k)) = tau W
 
-and tau is that of the least squares over the last T_tau seconds, each sample weighed by its
-(1 - q_k)^2, as an error of q is one of 1/(1 - q) there. The strength that is believed before counts
-like W = ``sure`` for that time. A curve of the layer that is believed wrong errs alike for both
-axles, so most of that cancels.
+Least squares over the last T_tau seconds give tau. Each sample is weighed by its (1 - q_k)^2, as an
+error of q is one of 1/(1 - q) there. The strength that is believed before counts like W = ``sure``
+for that time. A curve of the layer that is believed wrong errs alike for both axles, so most of
+that cancels.
 """
 
 from __future__ import annotations

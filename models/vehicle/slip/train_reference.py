@@ -63,7 +63,7 @@ def train_reference(trip: Trip, part: TrainSlip) -> Block:
     caution = part.caution
     if caution is None:
         caution = cautious_share(train, max(trip.vehicle.speed, 5.0), part.within)
-    return train_slip(train.fouled, train.clean).with_params(
+    return train_slip(train.fouled, train.clean, learn=part.learn).with_params(
         strength=train.tau, load=train.load, slip=part.slip, least=part.least, caution=caution,
     )  # fmt: skip
 

@@ -57,12 +57,14 @@ def heights_of_curves(
     return low, high
 
 
-def train_slip(layer: Block, clean: Block) -> Block:
+def train_slip(layer: Block, clean: Block, *, learn: bool = False) -> Block:
     """Make the slip reference of an axle that cleans for those behind it.
 
     Args:
         layer, clean: curves under the layer and without it as the controller believes them, from
             ``v_s`` and ``v`` to ``mu``, traction positive.
+        learn: take a ``factor`` on the strength too, as
+            :func:`~slipctl.models.vehicle.slip.rail_seen.rail_seen` learns it.
 
     Returns:
         Step from ``v``, and ``mu`` and ``v_s`` measured in the same window, to ``v_best`` in m/s
@@ -113,7 +115,7 @@ def train_slip(layer: Block, clean: Block) -> Block:
         v = ca.fmax(ca.fabs(u["v"]), 1.0)
         product, square = learnt(x, u, p, v)
         share = ca.fmin(ca.fmax(product / (square + NEARLY_ALIKE**2), 0), 1)
-        e = best_ratio(p, v, share, u["factor"])
+        e = best_ratio(p, v, share, u["factor"] if learn else 1)
         e = ca.if_else(x["begun"] > 0.5, x["e"] + ca.fmin(p["T"] / p["T_e"], 1) * (e - x["e"]), e)
         return (
             dict(product=product, square=square, e=e, begun=1),
@@ -124,13 +126,18 @@ def train_slip(layer: Block, clean: Block) -> Block:
         "reference",
         "step",
         body,
-        **_signals(known),
+        **_signals(known, learn),
         doc=__doc__ or "",
     )
 
 
-def _signals(known: list[dict[str, Param]]) -> dict[str, list[Any]]:
-    """Signals of the reference by role; known: numbers of both curves."""
+def _signals(known: list[dict[str, Param]], learn: bool) -> dict[str, list[Any]]:
+    """Signals of the reference by role.
+
+    Args:
+        known: numbers of both curves. learn: whether the strength has a factor.
+    """
+    factor = Input("1", "factor on the strength, as it is learnt").named("factor")
     return dict(
         states=[
             State("1", 0.0, "product of what was measured and the difference of both curves",
@@ -143,7 +150,7 @@ def _signals(known: list[dict[str, Param]]) -> dict[str, list[Any]]:
             Input("m/s", "vehicle speed that is believed").named("v"),
             Input("1", "mean adhesion over a window", positive="braking").named("mu"),
             Input("m/s", "mean slip speed over it", positive="braking", per="speed").named("v_s"),
-            Input("1", "factor on the strength, where it is learnt", value=1.0).named("factor"),
+            *([factor] if learn else []),
         ],
         params=[
             Param("1", 0.0, "braked axles behind this one", ADDED, lo=0, hi=31).named("behind"),
