@@ -7,6 +7,7 @@ import shutil
 import zipfile
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -19,6 +20,7 @@ from slipctl.ccode.compile.module import input_rows
 from slipctl.ccode.module import guard
 from slipctl.ccode.module.comments import WIDTH
 from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.passes.letters import letters
 from slipctl.ccode.ship import fmu, readable
 from slipctl.ccode.tree.printer import signature
 
@@ -146,3 +148,23 @@ def test_a_signal_drifts_where_its_second_half_is_larger_than_parts_two_to_five(
     }  # fmt: skip
     assert long_run.drifting({"signals": signals}) == ["grows", "lost", "below"]
     assert long_run.drifting({"signals": signals}, share=0.5) == ["lost"]
+
+
+def test_locals_of_the_equations_are_told_beside_what_is_none_of_them() -> None:
+    """Left out are names that are hidden, inputs, numbers, and what is made of other symbols."""
+    a, foreign = ca.SX.sym("a"), ca.SX.sym("foreign")
+
+    def equations(a: ca.SX) -> ca.SX:
+        _hidden = 5 * a
+        early = ca.SX(3)
+        strange = 2 * foreign
+        other = ca.MX.sym("m") * 2  # noqa: F841
+        last = a + early + 0 * strange.numel()
+        return 7 * last
+
+    with letters([{"a": a}]) as told:
+        result = equations(a)
+    found = told([result])
+    assert list(found.names.values()) == ["last"]
+    assert [str(h) for h in found.hidden] == [str(a + 3)]
+    assert list(found.origins) == list(found.names) == [1]
