@@ -112,17 +112,25 @@ def by_name(text: str, path: str) -> dict[str, list[types.CodeType]]:
     return found
 
 
+def acts(code: types.CodeType) -> list[Any]:
+    """What a code does, wherever it stands: its operations and numbers, those of codes inside."""
+    own = [acts(c) if isinstance(c, types.CodeType) else repr(c) for c in code.co_consts]
+    return [code.co_code, code.co_names, own]
+
+
 def put_in(site: Site, functions: Sequence[types.FunctionType]) -> bool:
-    """Give the functions that there are the code of the changed file; whether any took it."""
+    """Give the functions that there are the code of the changed file; whether the change is in."""
     path = str(ROOT / site.file)
     text = Path(path).read_text(encoding="utf-8")
     old, new = by_name(text, path), by_name(site.applied(text), path)
     pairs = {(n, a.co_firstlineno): b for n in old for a, b in zip(old[n], new[n], strict=False)}
+    changed = {(n, a.co_firstlineno) for n in old for a, b in zip(old[n], new[n], strict=False)
+               if acts(a) != acts(b)}  # fmt: skip
     took = False
     for f in functions:
-        code = pairs.get((f.__code__.co_qualname, f.__code__.co_firstlineno))
-        if code and code.co_freevars == f.__code__.co_freevars:
-            f.__code__, took = code, True
+        place = f.__code__.co_qualname, f.__code__.co_firstlineno
+        if (code := pairs.get(place)) and code.co_freevars == f.__code__.co_freevars:
+            f.__code__, took = code, took or place in changed
     return took
 
 
