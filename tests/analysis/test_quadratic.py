@@ -28,6 +28,16 @@ def test_a_small_problem_to_rounding():
     assert np.array(again).ravel() == pytest.approx([0.5, 1.5], abs=1e-12)
 
 
+def test_a_problem_of_one_number_may_be_given_as_numbers():
+    """min (x - 2)^2 with x <= 0.5: at the limit; with x <= 3: at 2."""
+    f = qp_kernel(2.0, [1.0], iterations=200)
+    for limit, best in ((0.5, 0.5), (3.0, 2.0)):
+        x, _ = f([-4.0], [-10.0], [limit], np.zeros(3))
+        assert float(x) == pytest.approx(best, abs=1e-9)
+    with pytest.raises(BadInput, match=r"must be \(n, n\) and \(m, n\)"):
+        qp_kernel(np.eye(2), [[1.0, 1.0, 1.0]])
+
+
 def test_random_problems_agree_with_osqp():
     rng = np.random.default_rng(1)
     H, G, A = horizon(8)

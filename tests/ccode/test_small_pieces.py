@@ -7,6 +7,7 @@ import shutil
 import zipfile
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -16,11 +17,12 @@ from slipctl.ccode import codegen
 from slipctl.ccode.check import comparison, float_error
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.compile.module import input_rows
-from slipctl.ccode.module import guard
+from slipctl.ccode.module import guard, guard_functions
 from slipctl.ccode.module.comments import WIDTH
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.ship import fmu, readable
-from slipctl.ccode.tree.printer import signature
+from slipctl.ccode.passes.letters import letters
+from slipctl.ccode.ship import fmu, fmu_source, readable
+from slipctl.ccode.tree.printer import lines_of, signature
 
 
 @step(y=Output("1", "sum", lo=-4, hi=4), far=Output("1", "twice the sum"))
@@ -146,3 +148,52 @@ def test_a_signal_drifts_where_its_second_half_is_larger_than_parts_two_to_five(
     }  # fmt: skip
     assert long_run.drifting({"signals": signals}) == ["grows", "lost", "below"]
     assert long_run.drifting({"signals": signals}, share=0.5) == ["lost"]
+
+
+def test_locals_of_the_equations_are_told_beside_what_is_none_of_them() -> None:
+    """Left out are names that are hidden, inputs, numbers, and what is made of other symbols."""
+    a, foreign = ca.SX.sym("a"), ca.SX.sym("foreign")
+
+    def equations(a: ca.SX) -> ca.SX:
+        _hidden = 5 * a
+        early = ca.SX(3)
+        strange = 2 * foreign
+        other = ca.MX.sym("m") * 2  # noqa: F841
+        last = a + early + 0 * strange.numel()
+        return 7 * last
+
+    with letters([{"a": a}]) as told:
+        result = equations(a)
+    found = told([result])
+    assert list(found.names.values()) == ["last"]
+    assert [str(h) for h in found.hidden] == [str(a + 3)]
+    assert list(found.origins) == list(found.names) == [1]
+
+
+@step(period=0.1, y=Output("1", "y"))
+def started(
+    free=State("1", 0.0, "no range"), a=State("1", "b + 1", "from b", lo=-5, hi=5),
+    b=State("1", "2 * c", "from c"), c=State("1", "3 * k", "from k", lo=-9, hi=9),
+    w=State("1", [1.0, 2.0], "alike", shape=(2,), lo=-1, hi=3), last=State("1", 0.0, "l", hi=1),
+    k=Param("1", 1.0, "number"),
+):  # fmt: skip
+    """Start values that follow from each other, told in the wrong order."""
+    return dict(free=free, a=a, b=b, c=c, w=w, last=last), dict(y=a + b + c)
+
+
+def test_each_state_with_a_range_is_asked_whatever_stands_before_it() -> None:
+    text = "\n".join(lines_of(guard_functions.part_off(Plan(started))))
+    for asked in ("within(x->a, -5.0, 5.0)", "within(x->c, -9.0, 9.0)",
+                  "all_within(x->w, 2, -1.0, 3.0)", "within(x->last, -"):  # fmt: skip
+        assert asked in text
+    assert "x->free" not in text
+    assert "x->b" not in text
+
+
+def test_start_values_are_computed_after_those_that_they_use() -> None:
+    lines, _ = fmu_source._starts(Plan(started))
+    text = "".join(lines_of(lines))
+    given = [f"if (!m->given[{k}]) {{ m->state.kept.{s}" for k, s in ((3, "c"), (2, "b"), (1, "a"))]
+    places = [text.index(g) for g in given]
+    assert places == sorted(places)
+    assert text.count("m->given") == 3

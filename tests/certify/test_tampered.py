@@ -7,6 +7,7 @@ to refuse where it did. Cases are those of ``recorded.json``.
 from __future__ import annotations
 
 import copy
+import itertools
 import json
 from collections.abc import Iterator, Mapping
 from fractions import Fraction
@@ -156,6 +157,61 @@ def test_what_was_asked_cannot_be_altered(name: str) -> None:
                     if v == value or (part == "asked" and near(v, value)):
                         continue  # a promise shows ten digits
                     assert ends(altered(payload, path, v)) in "BD", (path, v)
+
+
+def told(payload: Mapping[str, Any]) -> dict[str, Fraction]:
+    return {k: Fraction(v["value"]) for k, v in payload["asked"].items()}
+
+
+def sealed(numbers: Mapping[str, Fraction], entry: Mapping[str, Any]) -> dict[str, Any]:
+    """An entry with the seal of other numbers, where it has one."""
+    left = {k: v for k, v in entry.items() if k != "seal"}
+    return dict(with_checksum(numbers, left)) if "seal" in entry else left
+
+
+def between(a: Mapping[str, Any], b: Mapping[str, Any]) -> Iterator[dict[str, Fraction]]:
+    """Numbers of the one, of the other, and of each with one number of the other."""
+    yield dict(a)
+    if set(a) == set(b):
+        yield dict(b)
+    for k in a if set(a) == set(b) else ():
+        if a[k] != b[k]:
+            yield from (dict(a) | {k: b[k]}, dict(b) | {k: a[k]})
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_nothing_is_both_proved_and_refuted(name: str) -> None:
+    """Proofs of one file and runs of another, with numbers of both: never do both hold."""
+    system = SYSTEMS[name]
+    proved = [p for p in certificates(name) if "proofs" in p]
+    refuted = [p for p in certificates(name) if "run" in p.get("counterexample", {})]
+    for good, bad in itertools.product(proved, refuted):
+        against = bad["counterexample"]
+        assert holds(system, told(bad), "run", against)
+        for numbers in between(told(good), told(bad)):
+            try:
+                criteria, inputs = system.asked(numbers), system.inputs(numbers)
+            except (BadInput, ArithmeticError):
+                continue
+            for by, entry in good["proofs"].items():
+                c = criteria.get(by)
+                if c and against["clause"] in c.proves and inputs <= set(c.covers):
+                    shown = holds(system, numbers, by, entry)
+                    assert shown or numbers != told(good)
+                    assert not (shown and holds(system, numbers, "run", against)), (by, numbers)
+
+
+def holds(system: Any, numbers: Mapping[str, Fraction], by: str, entry: Mapping[str, Any]) -> bool:
+    """Whether a proof holds, or a run refutes, with these numbers."""
+    try:
+        if by == "run":
+            run = {**entry, "run": sealed(numbers, entry["run"])}
+            return bool(proofs._check_counterexample(system, numbers, run))
+        own = entry if "sides" in entry else {"evidence": sealed(numbers, entry["evidence"])}
+        proofs._check_proof(by, system.asked(numbers)[by], numbers, own)
+    except (BadInput, DoesNotHold, ArithmeticError):
+        return False
+    return True
 
 
 if __name__ == "__main__":

@@ -1,0 +1,52 @@
+"""Limits of a search as a person writes them, several at once."""
+
+from __future__ import annotations
+
+import pytest
+
+from slipctl import BadInput
+from slipctl.design.goals import Limit, Proved, read_limits
+from slipctl.run.measures.measured_run import Metric
+
+THERE = {"slip_max": Metric(1.0, "m/s"), "torque": Metric(1.0, "N m")}
+CERTIFICATES = ("sta", "rest")
+
+
+def read(*texts: str) -> tuple[list[Limit], list[Proved]]:
+    return read_limits(texts, THERE, CERTIFICATES, "loop")
+
+
+def test_each_of_several_is_read_whatever_stands_before_it() -> None:
+    limits, proved = read(
+        "certified", " sta.certified ", "margin>=1.2", "slip_max@0.95<=7.2km/h", "rest.margin>=3",
+        "torque>=8kN m", "slip_max@1.<=1m/s",
+    )  # fmt: skip
+    assert [(p.name, p.margin) for p in proved] == [
+        ("", 1.0), ("sta", 1.0), ("", 1.2), ("rest", 3.0)]  # fmt: skip
+    assert [(x.metric, x.upper, x.value, x.unit, x.share) for x in limits] == [
+        ("slip_max", True, pytest.approx(2.0), "m/s", 0.95), ("torque", False, 8e3, "N m", 1.0),
+        ("slip_max", True, 1.0, "m/s", 1.0),
+    ]  # fmt: skip
+    assert [x.text for x in limits] == [
+        "slip_max@0.95<=7.2km/h", "torque>=8kN m", "slip_max@1.<=1m/s"]  # fmt: skip
+    assert [p.text for p in proved][1:3] == ["sta.certified", "margin>=1.2"]
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("margin<=1.2", "write margin>=M, M from 1 to 1e6"), ("margin@0.5>=1.2", "write margin>=M"),
+    ("margin>=0.99", "write margin>=M"), ("margin>=1.1e6", "write margin>=M"),
+    ("stb.margin>=2", "has no certificate 'stb'; did you mean 'sta'"),
+    ("x.certified", "has no certificate 'x'"), ("slip_mix<=1m/s", "has no metric 'slip_mix'; did"),
+    ("slip_max@0<=1m/s", "the share of draws is 0; write 0.95"),
+    ("slip_max@1.1<=1m/s", "the share of draws is 1.1"), ("slip_max<1m/s", "write METRIC<=VALUE"),
+    ("slip_max<=1kg", "another dimension"),
+])  # fmt: skip
+def test_what_is_no_limit_is_refused(text: str, said: str) -> None:
+    with pytest.raises(BadInput, match=said):
+        read("certified", text)
+
+
+def test_without_certificates_none_is_asked() -> None:
+    for text in ("certified", "margin>=2"):
+        with pytest.raises(BadInput, match="loop has no certificate; its study declares no gains"):
+            read_limits([text], THERE, (), "loop")

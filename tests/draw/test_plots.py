@@ -190,6 +190,9 @@ def test_mathml_of_each_construct() -> None:
         == 2
     )
     assert "<mtext>unheard</mtext>" in rendered(r"\unheard{x}")
+    words = '<mi mathvariant="normal">{}</mi>'
+    assert words.format("a{b}c") + "<mo>+</mo><mi>d</mi>" in rendered(r"\mathrm{a{b}c} + d")
+    assert words.format("T_b") + "<mi>x</mi>" in rendered(r"\mathrm{T\_b}x")
 
 
 def test_rows_of_a_display() -> None:

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 from slipctl import BadInput, fit_over_time, from_text
 from slipctl.estimate.log_fit.record import Record
-from slipctl.estimate.log_fit.rollout import Rolled, Stretch
+from slipctl.estimate.log_fit.rollout import LATEST, Rolled, Stretch, stretches
 from slipctl.models.trials import brake_step, coasting, coasting_by_mass
 
 M, RHO, A, C = 38e3, 0.066, 1200.0, 4.5
@@ -279,3 +279,31 @@ def test_a_flow_that_runs_away_is_refused():
     time = np.linspace(0.0, 3.0, 40)
     with pytest.raises(BadInput, match="not finite over data"):
         fit_over_time(flow, {"time": time, "x": 1 + time}, "x", unknown=["k"], start={"k": 50.0})
+
+
+@pytest.mark.parametrize("size", [2, 9, 10, 11, 100])
+@pytest.mark.parametrize("most", [1, 3, 10])
+def test_a_thinned_stretch_has_every_so_many_th_sample_and_no_more_than_asked(size, most):
+    time = np.arange(size) * 0.5
+    thin = Stretch(time, {"u": 2 * time}, 3 * time).thinned(most)
+    every = int(np.ceil(size / most))
+    assert thin.time.tolist() == [0.5 * k for k in range(0, size, every)]
+    assert 1 <= thin.time.size <= most
+    assert (thin.inputs["u"] == 2 * thin.time).all()
+    assert (thin.measured == 3 * thin.time).all()
+
+
+def test_a_log_is_cut_at_its_gaps_and_keeps_what_a_late_input_may_still_do():
+    """A lone sample is no stretch, nor are samples of which nothing was measured."""
+    time = np.array([0.0, 0.5, 1.0, 5.0, 7.0, 7.5, 8.0, 8.5])
+    inputs = {"u": np.arange(8.0)}
+    measured = np.array([1.0, 1, 1, 1, np.nan, 1, np.nan, np.nan])
+    first, second = stretches(time, inputs, measured, [3, 4, 6], "u")
+    assert (first.time.tolist(), second.time.tolist()) == ([0, 0.5, 1], [7, 7.5])
+    assert second.inputs["u"].tolist() == [4, 5]
+    assert np.array_equal(second.measured, [np.nan, 1], equal_nan=True)
+    assert first.before[0].size == 0
+    assert [b.tolist() for b in second.before] == [[5.0], [3.0]]  # within LATEST and a second
+    assert 7.0 - 5.0 < LATEST + 1.0 < 7.0 - 1.0
+    (plain, _) = stretches(time, inputs, measured, [3, 4, 6], "")
+    assert plain.before[0].size == plain.before[1].size == 0

@@ -75,6 +75,7 @@ BAD = {
     "no scalar": (
         lambda: peak_bound(vector, over="v", at=1.0, samples={"v": [1.0]}, noise=0.1),
         "has inputs that are no scalars"),
+    "no seeker": (lambda: seek_limits(pair, steepest=1.0, curvature=-1.0), "is no seeker"),
     "flat map": (
         lambda: seek_limits(perturbation_seek(0.01), steepest=1.0, curvature=0.0), "has no peak"),
     "rows of one": (lambda: least_squares([1.0, 2.0], [1.0, 2.0]), "must be rows of finite"),

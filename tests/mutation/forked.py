@@ -26,10 +26,17 @@ from pathlib import Path
 from typing import Any
 
 import coverage
+import entered
 import pytest
 from _pytest.runner import runtestprotocol
 from run import NEW, ROOMS, ROOT, drawn
 from sites import Site
+
+LONGEST = 8.0
+"""s of CPU: a test that takes longer as it is recorded is not asked."""
+
+NOT_IN = "NOT PUT IN"
+"""Of a change that no function can be given."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -51,26 +58,37 @@ def passed(items: Sequence[pytest.Item]) -> Iterator[tuple[str, bool]]:
 
 
 def recorded(items: Sequence[pytest.Item], beside: Path) -> tuple[Any, dict[str, float]]:
-    """Tests that reach each line of each file, and the CPU time of each test that passes."""
+    """Tests that reach each line of each file, and the CPU time of each test that passes.
+
+    What is kept beside is not run again: after an edit of tests, those that are new are.
+    """
     data, times = beside.with_suffix(".coverage"), beside.with_suffix(".seconds")
-    if not times.exists():
-        tool = coverage.Coverage(data, source=[str(ROOT / n) for n in ("slipctl", "models")])
-        took: dict[str, float] = {}
+    took: dict[str, float | None] = json.loads(times.read_text("utf-8")) if times.exists() else {}
+    todo = [item for item in items if item.nodeid not in took]
+    tool = coverage.Coverage(data, source=[str(ROOT / n) for n in ("slipctl", "models")])
+    if data.exists():
+        tool.load()
+    signal.signal(signal.SIGPROF, entered.too_long)
+    for begin in range(0, len(todo), 100):
+        some = todo[begin : begin + 100]
         tool.start()
+        tool.switch_context(some[0].nodeid)
+        signal.setitimer(signal.ITIMER_PROF, LONGEST)
         begun = time.process_time()
-        tool.switch_context(items[0].nodeid)
-        for (name, fine), following in zip(passed(items), [*items[1:], None], strict=True):
+        for (name, fine), following in zip(passed(some), [*some[1:], None], strict=True):
             now = time.process_time()
-            took |= {name: now - begun} if fine else {}
+            took[name] = now - begun if fine else None
             begun = now
+            signal.setitimer(signal.ITIMER_PROF, LONGEST)
             tool.switch_context(following.nodeid if following else "")
+        signal.setitimer(signal.ITIMER_PROF, 0)
         tool.stop()
         tool.save()
         times.write_text(json.dumps(took), encoding="utf-8")
     known = coverage.CoverageData(data)
     known.read()
-    return {f: known.contexts_by_lineno(f) for f in known.measured_files()}, json.loads(
-        times.read_text(encoding="utf-8"))  # fmt: skip
+    return {f: known.contexts_by_lineno(f) for f in known.measured_files()}, {
+        name: seconds for name, seconds in took.items() if seconds is not None}  # fmt: skip
 
 
 def lines_of(text: str, line: int) -> range:
@@ -94,22 +112,30 @@ def by_name(text: str, path: str) -> dict[str, list[types.CodeType]]:
     return found
 
 
+def acts(code: types.CodeType) -> list[Any]:
+    """What a code does, wherever it stands: its operations and numbers, those of codes inside."""
+    own = [acts(c) if isinstance(c, types.CodeType) else repr(c) for c in code.co_consts]
+    return [code.co_code, code.co_names, own]
+
+
 def put_in(site: Site, functions: Sequence[types.FunctionType]) -> bool:
-    """Give the functions that there are the code of the changed file; whether any took it."""
+    """Give the functions that there are the code of the changed file; whether the change is in."""
     path = str(ROOT / site.file)
     text = Path(path).read_text(encoding="utf-8")
     old, new = by_name(text, path), by_name(site.applied(text), path)
     pairs = {(n, a.co_firstlineno): b for n in old for a, b in zip(old[n], new[n], strict=False)}
+    changed = {(n, a.co_firstlineno) for n in old for a, b in zip(old[n], new[n], strict=False)
+               if acts(a) != acts(b)}  # fmt: skip
     took = False
     for f in functions:
-        code = pairs.get((f.__code__.co_qualname, f.__code__.co_firstlineno))
-        if code and code.co_freevars == f.__code__.co_freevars:
-            f.__code__, took = code, True
+        place = f.__code__.co_qualname, f.__code__.co_firstlineno
+        if (code := pairs.get(place)) and code.co_freevars == f.__code__.co_freevars:
+            f.__code__, took = code, took or place in changed
     return took
 
 
 def asked_in_a_child(site: Site, items: Sequence[pytest.Item], live: Mapping[str, Any]) -> str:
-    """The test that notices a change, empty where none does or the change is not put in."""
+    """The test that notices a change, empty where none does; or that the change is not put in."""
     read, write = os.pipe()
     child = os.fork()
     if not child:
@@ -119,7 +145,7 @@ def asked_in_a_child(site: Site, items: Sequence[pytest.Item], live: Mapping[str
             for memory in live["memories"]:
                 memory.cache_clear()
             there = put_in(site, live["functions"][str(ROOT / site.file)])
-            said = next((n for n, fine in passed(items) if not fine), "") if there else ""
+            said = next((n for n, fine in passed(items) if not fine), "") if there else NOT_IN
         finally:
             os.write(write, said.encode())
             os._exit(0)
@@ -157,7 +183,7 @@ def pytest_runtestloop(session: pytest.Session) -> bool:
             chosen += [items[name]] if spent < given.longest or not chosen else []
         caught = asked_in_a_child(site, chosen, live) if chosen else ""
         print(f"{caught or 'LIVES'}\n    {len(chosen)} tests: {site.name[:200]}", flush=True)
-        if caught:
+        if caught and caught != NOT_IN:
             told = {"kind": site.kind, "line": site.line, "tests": len(chosen), "caught": caught}
             kept["found"].setdefault(site.name, told)
             given.put.write_text(json.dumps(kept, indent=1), encoding="utf-8")

@@ -17,6 +17,7 @@ from slipctl import (
     trajectory,
 )
 from slipctl.models.zhang_2021.hst_braking import burckhardt, ideal_plant, plant
+from slipctl.predict.trajectory import _Problem
 from slipctl.studies.hst_braking import loops as hst
 
 
@@ -82,6 +83,32 @@ def test_a_rail_by_position_changes_where_it_says():
         sled, scenario, "F", "x", end={"v": 0.0}, limits={"v": (0.0, np.inf)}, tolerance=1e-5
     )
     assert found.value == pytest.approx(1 + 4 * (2.0 - 1.0), abs=1e-4)
+
+
+def test_a_guess_is_the_motion_at_rest_or_a_run_phase_by_phase():
+    """Free motion at 2 m/s, a tick of 1/500 s; a run under 2 N that is cut where it arrives."""
+    rail = Rail([Section(0, "good"), Section(1.0, "poor")])
+    problem = _Problem("w", sled, Scenario("go", 4.0, rail, start={"v": 2.0}), "F", "-x",
+                       None, None, None)  # fmt: skip
+    share = np.linspace(0, 1, 5)
+    free = problem.guess(None)
+    assert free["durations"] == [1.0, 3.0]
+    for k, time in enumerate((share, 1 + 3 * share)):
+        rows = free["x"][k](share)
+        assert rows[:, 0] == pytest.approx(2 * time, abs=1e-9)
+        assert rows[:, 1:] == pytest.approx(np.tile([2.0, 0.0], (5, 1)), abs=1e-9)
+        assert not free["u"][k](share).any()
+    run = Scenario("go", 4.0, rail, inputs={"F": 2.0})
+    log = simulate(sampled(sled, 1e-2, "rk4"), run, compile=False)
+    problem = _Problem("w", sled, Scenario("go", 10.0, rail), "F", "time", None, None, {"x": 1.0})
+    found = problem.guess(log)
+    arrives = 1 + (np.sqrt(1 + 0.25) - 1) / 0.25  # x = 0.5 + t + t^2 / 8 behind the first second
+    assert found["durations"] == pytest.approx([1.0, arrives - 1], abs=2e-2)
+    for k, time in enumerate((share, 1 + found["durations"][1] * share)):
+        behind = np.maximum(time - 1, 0)
+        place = np.where(time < 1, time**2 / 2, 0.5 + behind + behind**2 / 8)
+        assert found["x"][k](share)[:, 0] == pytest.approx(place, abs=1e-3)
+        assert found["u"][k](share) == pytest.approx(np.full((5, 1), 2.0))
 
 
 def test_limits_are_kept_along_the_way():

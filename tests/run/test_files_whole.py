@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from slipctl import BadInput
 from slipctl.run import store
+from slipctl.run.sweep import sweep_export
 
 LEAVES = st.one_of(st.none(), st.booleans(), st.integers(-99, 99), st.text("aä\"\n", max_size=4),
                    st.floats(-1e9, 1e9))  # fmt: skip
@@ -126,6 +127,14 @@ def test_places_that_cannot_be_written_are_refused_without_a_trace(tmp_path: Pat
         store.check_file(tmp_path)
     with pytest.raises(BadInput, match="file is not a folder; choose another --out"):
         store.check_folder(file)
+    with pytest.raises(BadInput, match="file is not a folder"):
+        store.check_folder(file / "new" / "deep")
+    for export, said in (
+        ("nul.nc", "is a device"), ("file/below.nc", "is not a folder"),
+        ("file/below.zarr", "is not a folder"), ("a.csv", "write a file that ends in"),
+    ):  # fmt: skip
+        with pytest.raises(BadInput, match=said):
+            sweep_export.check(tmp_path / export)
     for good in ("new/deep/a.json", "a" * 255, "ä" * 127, "null.json", "com10"):
         store.check_file(tmp_path / good)
     store.check_folder(tmp_path / "new" / "deep")

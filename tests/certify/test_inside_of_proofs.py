@@ -1,0 +1,109 @@
+"""What the proofs are made of, each against another way to compute it."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from slipctl.certify.arithmetic import decimal_intervals
+from slipctl.certify.smooth.sums_check import _positive
+from slipctl.models.huang_2020.certificate.relay_orbits import _period
+from slipctl.models.huang_2020.certificate.relay_sets import Absorbing, Relay
+from slipctl.models.super_twisting.certificate import quadratic
+
+NAMES = ("k1", "k2", "L")
+
+
+def test_a_matrix_is_positive_as_its_eigenvalues_are() -> None:
+    """Whole numbers, many of them 0; the nearly singular left out."""
+    rng = np.random.default_rng(3)
+    said = []
+    for n in (1, 2, 3, 4):
+        for _ in range(60):
+            root = rng.integers(-3, 4, (n, n)) * rng.integers(0, 2, (n, n))
+            M = root + root.T + np.diag(rng.integers(0, 9, n))
+            least = np.linalg.eigvalsh(M)[0]
+            rows = [[Fraction(int(x)) for x in row] for row in M]
+            if abs(least) > 1e-6:
+                assert _positive(rows) == (least > 0), M
+                said.append(least > 0)
+    assert 40 < sum(said) < len(said) - 40
+    assert not _positive([[Fraction(2), Fraction(1)], [Fraction(0), Fraction(2)]])  # not symmetric
+
+
+def test_the_inequalities_of_a_quadratic_function_hold_where_there_is_one() -> None:
+    """In closed form or by the minors of the matrix found: the same answer for any gains."""
+    rng = np.random.default_rng(4)
+    said = []
+    for _ in range(150):
+        k1, k2, L = (Fraction(int(x), 8) for x in rng.integers(1, [60, 80, 60]))
+        told = all(s.holds() for s in quadratic.quadratic_sides(k1, k2, L, NAMES))
+        P = quadratic.matrix(k1, k2, L)
+        assert told == (P is not None), (k1, k2, L)
+        said.append((told, k1 * k1 >= 4 * k2))
+        if P is not None:
+            sides = quadratic.quadratic_sides(k1, k2, L, NAMES, tuple(P.values()))
+            assert all(s.holds() for s in sides)
+            a, b, c = (float(x) for x in P.values())
+            assert np.linalg.eigvalsh([[a, b], [b, c]])[0] > 0
+            A = np.array([[-float(k1) / 2, 0.5], [-float(k2), 0]])
+            for w in (-float(L), float(L)):  # V falls at both ends of the disturbance
+                moved = A + np.array([[0, 0], [w, 0]])
+                M = np.array([[a, b], [b, c]]) @ moved
+                assert np.linalg.eigvalsh(M + M.T)[-1] < 0
+            a, b, c = P.values()
+            wrong = quadratic.quadratic_sides(k1, k2, L, NAMES, (a, b, -c))
+            assert not all(s.holds() for s in wrong)
+    assert len(set(said)) == 4  # both answers, on both sides of k1^2 = 4 k2
+
+
+def test_the_logarithm_of_a_swing_has_an_enclosure_of_either_sign() -> None:
+    signs = set()
+    for k1 in range(1, 7):
+        for L in (1, 2, 4):
+            gains = Fraction(k1), Fraction(5), Fraction(L)
+            low, high = decimal_intervals.enclosure(*gains) or (0, 0)
+            found = quadratic.sta.log_ratio(*map(float, gains))
+            assert abs(float(low) - found) <= 1e-9 * (1 + abs(found))
+            assert low <= high
+            assert np.sign(float(low)) == np.sign(float(high)) == np.sign(found)
+            signs.add(low > 0)
+    assert len(signs) == 2
+
+
+@pytest.mark.parametrize("period", [1, 2, 3, 7])
+def test_a_run_that_repeats_has_its_period(period: int) -> None:
+    s = np.resize(np.cos(np.arange(period)), 40)
+    a = np.resize(np.sin(1.0 + np.arange(period)), 40)
+    assert _period(s, a, 20) == period
+    assert _period(s, a, period) in ((0,) if period > 1 else (0, 1))
+    assert _period(s * 1.01 ** np.arange(40), a, 20) == 0
+    assert _period(s, np.arange(40.0), 20) == 0
+
+
+def test_a_set_that_absorbs_keeps_the_runs_that_begin_in_it() -> None:
+    """Parallelograms |s + lag a| <= Z, |a| <= A: where one holds, no tick from it leaves it."""
+    law = Relay(*(Fraction(x) for x in ("0.5", "3", "0.01", "0.05", "1")))
+    rng = np.random.default_rng(5)
+    s_row, a_row = ([float(x) for x in row] for row in law.rows(law.left[0]))
+    said = []
+    for wide in ("0.05", "0.1", "0.16", "0.2", "0.4", "1"):
+        for high in ("1", "2.9", "3.1", "3.3", "6", "20"):
+            Z, A, lag = Fraction(wide), Fraction(high), law.lag
+            corners = tuple((z - lag * a, a) for z, a in ((Z, -A), (Z, A), (-Z, A), (-Z, -A)))
+            z, a = rng.uniform(-1, 1, (2, 400)) * [[float(Z)], [float(A)]]
+            z[:4], a[:4] = (
+                [float(Z), float(Z), -float(Z), -float(Z)],
+                float(A) * np.array([-1, 1] * 2),
+            )
+            s = z - float(lag) * a
+            side, d = np.sign(s), rng.choice([-1.0, 1.0], 400)
+            s, a = (m * s + n * a - b * side for m, n, b in (s_row, a_row))
+            s += float(law.T * law.D) * d
+            left = (abs(s + float(lag) * a) > float(Z)).any() or (abs(a) > float(A)).any()
+            held = Absorbing(law, corners).holds()
+            assert not (held and left), (wide, high)
+            said.append((held, bool(left)))
+    assert {(True, False), (False, True)} <= set(said)
