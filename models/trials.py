@@ -2,7 +2,7 @@
 
 Coasting, with m the mass, rho the rotating mass as a share of it, n J/(m r^2) for n axles:
 
-    m (1 + rho) v' = -(c0 + c1 v + c2 v^2) - m g slope
+    m (1 + rho) v' = -(c0 + c1 |v| + c2 v^2) sign(v) - m g slope
 
 Steps of the brake, after a dead time that a fit may look for (``--delay T_cmd``):
 
@@ -13,7 +13,7 @@ Steps of the brake, after a dead time that a fit may look for (``--delay T_cmd``
 
 from typing import Any
 
-from casadi import fmax, fmin
+from casadi import fabs, fmax, fmin
 
 from slipctl import Input, Output, Param, State, flow
 
@@ -55,7 +55,7 @@ def coasting(
     v_0=FADE,
 ):
     """A vehicle that coasts against Davis resistance and the gradient."""
-    F_R = (c0 + c1 * v + c2 * v**2) * resistance_share(v, v_0)
+    F_R = (c0 + c1 * fabs(v) + c2 * v**2) * resistance_share(v, v_0)
     a = -(F_R + m * g * slope) / (m * (1 + rho))
     return dict(v=a), dict(a=a)
 
@@ -72,7 +72,7 @@ def coasting_by_mass(
     v_0=FADE,
 ):
     """A vehicle that coasts, its resistance by its mass: the mass need not be known."""
-    f = (c0 + c1 * v + c2 * v**2) * resistance_share(v, v_0)
+    f = (c0 + c1 * fabs(v) + c2 * v**2) * resistance_share(v, v_0)
     a = -(f + g * slope) / (1 + rho)
     return dict(v=a), dict(a=a)
 

@@ -75,6 +75,17 @@ def test_resistance_by_mass_is_that_of_the_vehicle_by_its_mass():
         assert share.std[n] * M == pytest.approx(whole.std[n], rel=1e-4)
 
 
+def test_a_car_that_runs_backwards_has_the_same_resistance():
+    """A log whose speed is negative: c1 was fitted as zero, its range's end."""
+    t = np.arange(0, 250, 1.0)
+    v = coasted(t) + 0.05 * noise(t.size)
+    for flow, known in ((coasting, KNOWN), (coasting_by_mass, {"rho": RHO})):
+        on, back = (fit_over_time(flow, {"time": t, "v": s * v}, "v", at=known) for s in (1, -1))
+        for n in ("c0", "c1", "c2"):
+            assert back.values[n] == pytest.approx(on.values[n], rel=1e-6), (flow.name, n)
+            assert back.std[n] == pytest.approx(on.std[n], rel=1e-5)
+
+
 @pytest.mark.second
 @settings(max_examples=5, deadline=None)
 @given(st.floats(0.3, 3.0), st.floats(0.02, 0.6), st.floats(0.0, 0.4))

@@ -1,5 +1,7 @@
 """Slide protection by a state machine: what it does on a rail, in time, and with a dead sensor."""
 
+import re
+
 import numpy as np
 import pytest
 from casadi import if_else, vertcat
@@ -281,3 +283,24 @@ def test_bits_need_valves():
         dry(actuator=Lag(torque=5e3))
     with pytest.raises(BadInput, match="would fill there"):
         SlideProtection(fill=0.6)
+
+
+@pytest.mark.parametrize(("ramp", "is_told"), [(0.3, True), (5.0, False)])
+def test_a_ramp_that_fills_a_cylinder_for_more_than_a_second_is_told(ramp, is_told):
+    """From leaves onto dry rail: the pulses of a fill count as held, a fill without a break not."""
+    rail = Track(law="exponential_tail", conditions={"leaves": {"c": 0.09, "s": 0.03}}, sections=(
+        Stretch(place=0.0, condition="leaves"), Stretch(place=15.0, condition="dry")))  # fmt: skip
+    found = case(train(4, duration=5.0, rail=rail, actuator=Air(
+        torque=5e3, fill_rate=2.0, vent_rate=4.0), demand=Constant(deceleration=0.8),
+        vehicle=Vehicle(mass=48e3, inertia=110.0, speed=12.0),
+        controllers={"wsp": SlideProtection(ramp=ramp)}))  # fmt: skip
+    log = prepare(found.loops["wsp"], found.scenario, compile=False)(doubt=True)
+    lines = [line for line in log.told() if line.startswith("slip control holds")]
+    assert bool(lines) == is_told
+    if is_told:
+        (axle,) = (int(n) - 1 for n in re.findall(r"axle (\d+)", lines[0]))
+        begin, end = map(float, re.findall(r"from (\S+) s to (\S+) s", lines[0])[0])
+        inside = (log["time"] >= begin) & (log["time"] < end)
+        assert end - begin > 1
+        assert (log["plant.T"][inside, axle] < 0.9 * log["demand.T_demand"][inside]).all()
+        assert (log["plant.train.x"][inside] > 15).all()

@@ -182,6 +182,14 @@ UNUSUAL = {
         {"leaves = { c = 0.09, s = 0.03 }": "leaves = { c = 1.4, s = 0.5 }"},
         "rail.conditions.leaves: adhesion is up to 0.[0-9]+; of dry rail it is at most 0.6",
     ),
+    "own condition": ({"leaves = { c = 0.09, s = 0.03 }": "leaves = {}"}, None),
+    "empty": (
+        {
+            "leaves = { c = 0.09, s = 0.03 }": "Leaves = {}",
+            'condition = "leaves"': 'condition = "Leaves"',
+        },
+        "rail.conditions.Leaves: it is empty, .* did you mean 'leaves'.* up to 0.3",
+    ),
     "slip": (
         {'kind = "searched" ': 'kind = "speed"\nslip = "17 m/s" # ', "start = { c = 0.7 } ": "# "},
         "reference.slip: 17 m/s is above the vehicle's speed",

@@ -87,7 +87,7 @@ def test_filters_say_it_of_states_and_inputs(make, form):
     said = warnings_of_run(loop(f=f), SCENARIO.but(start={"plant.c.v": 4.6}))
     assert len(said) == 1
     assert "f.held_v begins at 4 m/s, plant.c.v at 4.6 m/s: 0.6 m/s away" in said[0]
-    assert said[0].endswith("its stated deviation is 0.5 m/s")
+    assert said[0].endswith("more than its own standard deviation of 0.5 m/s")
 
 
 @pytest.mark.parametrize("form", ["recursive", "window"])

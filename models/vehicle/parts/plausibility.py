@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from slipctl.errors import nearest
 from slipctl.models.vehicle.adhesion import heights_of_law, rail_law
 from slipctl.models.vehicle.parts import SlipRatio, SlipSpeed, ToothWheel, Trip
+from slipctl.study.resolve import load_block
 
 AXLE_LOAD = (1.5e3, 40e3)
 """kg on an axle: a light railcar, and the heaviest ore wagons (37.5 t) with a margin."""
@@ -62,8 +64,16 @@ def unusual_numbers(trip: Trip) -> Iterator[str]:
 def _heights(trip: Trip) -> Iterator[str]:
     """Rails with more or less adhesion than any, by their conditions."""
     vehicle = trip.vehicle
-    law = rail_law(trip)
-    for name, height in heights_of_law(law, vehicle.speed, vehicle.mode == "drive").items():
+    law, own = rail_law(trip), load_block(trip.rail.law).conditions
+    heights = heights_of_law(law, vehicle.speed, vehicle.mode == "drive")
+    for name, height in heights.items():
+        if own and name not in own and not trip.rail.conditions.get(name, True):
+            yield (
+                f"rail.conditions.{name}: it is empty, and {law.name} has no condition of that"
+                f" name{nearest(name, own)}; the rail there is the law as it stands, with an"
+                f" adhesion of up to {height:.3g}"
+            )
+    for name, height in heights.items():
         where = f"rail.conditions.{name}" if name in trip.rail.conditions else f"rail.law, {name}"
         if height < HEIGHTS[0]:
             yield f"{where}: adhesion is {height:.3g} at most; of ice and leaves it is 0.02 or more"

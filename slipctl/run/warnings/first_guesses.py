@@ -80,7 +80,7 @@ def _line(
     other = names[text] if bare else "the plant"
     return [
         f"{what} begins at {first:.6g}{unit}, {other} at {second:.6g}{unit}: {away:.3g}{unit} away,"
-        f" its stated deviation is {most:.3g}{unit}"
+        f" more than its own standard deviation of {most:.3g}{unit}"
     ]
 
 

@@ -134,9 +134,11 @@ def _columns(values: Any) -> np.ndarray:
 def _held(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
     """Slip control that holds the torque below a demand which the rail would carry."""
     names = ("demand.T_demand", "plant.train.x", "plant.train.v")
-    command = _commanded(log)
+    valves = "ctl.hold" in log and "plant.T" in log
+    command = log.get("plant.T" if valves else "ctl.T_cmd")
     if command is None or not all(n in log for n in names):
         return
+    command = _columns(command)
     demand, _, v = (np.asarray(log[n], dtype=float) for n in names)
     carried = _carried(loop, scenario, log)
     if carried is None:
@@ -146,6 +148,8 @@ def _held(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
     asked = np.minimum(demand, float(limit)).reshape(-1, 1)
     held = (command < BELOW * asked) & (asked <= BELOW * carried[:, : command.shape[1]])
     held &= np.abs(v).reshape(-1, 1) > 0.1
+    if valves:
+        held = _first_to_last(held, _columns(log["ctl.hold"]) > 0.5)
     spans = [longest_span(column) for column in held.T]
     axle = int(np.argmax([b - a for a, b in spans]))
     a, b = spans[axle]
@@ -159,11 +163,19 @@ def _held(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
     )
 
 
-def _commanded(log: Values) -> np.ndarray | None:
-    """Torque that is commanded of each axle; by valves the one that they hold or vent."""
-    if "ctl.hold" in log and "plant.T" in log:
-        return np.where(_columns(log["ctl.hold"]) > 0.5, _columns(log["plant.T"]), np.inf)
-    return _columns(log["ctl.T_cmd"]) if "ctl.T_cmd" in log else None
+def _first_to_last(below: np.ndarray, holds: np.ndarray) -> np.ndarray:
+    """Rows of each stretch below the demand from the first to the last in which a valve holds.
+
+    A fill between two holds is one that slip control interrupts; a cylinder that fills without a
+    break is as quick as it can be.
+    """
+
+    def held_before(below: np.ndarray, holds: np.ndarray) -> np.ndarray:
+        rows = np.arange(len(below))[:, None]
+        begin, last = (np.maximum.accumulate(np.where(true, rows, -1)) for true in (~below, holds))
+        return last > begin
+
+    return below & held_before(below, holds) & held_before(below[::-1], holds[::-1])[::-1]
 
 
 def _carried(loop: Block, scenario: Scenario, log: Values) -> np.ndarray | None:
