@@ -179,17 +179,7 @@ def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
     """
     vehicle, act, of = trip.vehicle, trip.actuator, trip.sensors.vehicle_speed
     fastest = max(120.0, 1.5 * vehicle.speed)
-    alpha = 2 * (w.T_max + w.W * w.g * w.r) / w.J
-    noise, slow = 0.1, 0.0
-    part = trip.sensors.wheel_speed
-    if isinstance(part, NoisyWheel):
-        noise += _noise(part, alpha * T_S)
-    elif isinstance(part, ToothWheel):
-        tooth, usual = 2 * pi / part.teeth, 1.2 * max(vehicle.speed, 1.0) / w.r
-        noise += usual**2 / tooth * (SURE * part.jitter + 2 * part.clock)
-        slow = sqrt(2 * alpha * tooth)
-    else:
-        assert isinstance(part, Exact)
+    noise, slow = _of_wheel_sensor(trip, w)
     gate, unseen = 0.15, 0.1
     if isinstance(of, NoisySpeed):
         unseen += of.step + _lost(of) * 3.0 * T_S
@@ -217,6 +207,43 @@ def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
         "v_start": vehicle.speed,
         "omega_start": vehicle.speed / w.r,
     }  # fmt: skip
+
+
+def _of_wheel_sensor(trip: Trip, w: Wheel) -> tuple[float, float]:
+    """What a wheel's sensor may be off by in rad/s, and how much more where the wheel is slow."""
+    alpha = 2 * (w.T_max + w.W * w.g * w.r) / w.J
+    part = trip.sensors.wheel_speed
+    if isinstance(part, NoisyWheel):
+        return 0.1 + _noise(part, alpha * T_S), 0.0
+    if isinstance(part, ToothWheel):
+        tooth, usual = 2 * pi / part.teeth, 1.2 * max(trip.vehicle.speed, 1.0) / w.r
+        noise = 0.1 + usual**2 / tooth * (SURE * part.jitter + 2 * part.clock)
+        return noise, sqrt(2 * alpha * tooth)
+    assert isinstance(part, Exact)
+    return 0.1, 0.0
+
+
+def derived_of_inputs(trip: Trip) -> dict[str, tuple[str, list[str]]]:
+    """Expressions of those numbers of :func:`of_inputs` that follow from others, and their places.
+
+    So they follow where radius, inertia, load or largest torque are tuned in C.
+    """
+    driven, part = trip.vehicle.mode == "drive", trip.sensors.wheel_speed
+    turned = ["meter.omega_start"]
+    found = {
+        "omega_start": ("v_start / r", ["trust.omega_start", *turned * (not driven)]),
+        "most": ("1.5 * fastest / r", ["trust.most"]),
+    }
+    if driven:
+        found["omega_seen"] = ("-1 * v_start / r", turned)
+    if isinstance(part, ToothWheel):
+        alpha = "2 * (T_max + m_axle * g * r) / J"
+        found["noise_slow"] = (f"sqrt(2 * ({alpha}) * {2 * pi / part.teeth!r})",
+                               ["trust.noise_slow"])  # fmt: skip
+        found["slow"] = ("2 * noise_slow", ["trust.slow"])
+    if trip.control.demand_lost == "largest" or (trip.control.demand_lost == "" and not driven):
+        found["lost"] = ("1 * T_max", ["trust.lost"])
+    return found
 
 
 def _noise(part: NoisyWheel, change: float) -> float:
