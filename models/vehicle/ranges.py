@@ -58,17 +58,20 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
     rim = 1.2 * w.r * spin  # a ratio of wheels is within a tenth of 1
     slip = fastest + rim
     slipping = (-slip, slip, "a wheel that spins, either way, and the vehicle's speed")
-    top = 1.25 * w.T_max
-    most = (-top, top, "a quarter more than the largest, either way")
+    axles = len(trip.vehicle.worked)
+    tuned = "T_max" in block.params and "trust.T_b" in block.outputs  # then these ends follow
+    full, all_, top = (
+        f"{k!r} * T_max" if tuned else k * w.T_max for k in (1.0, float(axles), 1.25)
+    )
+    most = (f"-{top}" if tuned else -top, top, "a quarter more than the largest, either way")
     far = (-250 * w.T_max, 250 * w.T_max, "250 times the largest torque; it is limited")
     time = (0, NEVER, "longer is not counted")
-    axles = len(trip.vehicle.worked)
     speed = (-2, fastest, "430 km/h, or half as much again as at the start")
     rows: dict[str, tuple] = {
         "slip.v_s": slipping,
         "slip.omega_s": (-5 * slip, 5 * slip, "that rim at the least radius"),
         "meter.omegas": (-5 * slip, 5 * slip, "that rim at the least radius"),
-        "meter.torques": most,
+        "meter.torques": far,  # an end that is an expression is of the part's own numbers
         "meter.slips": slipping,
         "meter.mu_m": (-1e3, 1e3, "a wheel that stops within a tick has a hundred"),
         "meter.v_s_m": slipping,
@@ -83,7 +86,7 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
         "trust.omega_h": (-spin, spin, "a wheel that spins free"),
         "trust.mean": (-spin, spin, "a wheel that spins free"),
         "trust.rim": (-rim, rim, "a wheel that spins free"),  # which is faster than the vehicle
-        "trust.torque": (0, w.T_max, "as commanded"),
+        "trust.torque": (0, full, "as commanded"),
         "trust.T_b": most,
         "trust.radius": (0.2 * (1 - WORN), 1 + WORN, "no wheel is worn by more"),
         "trust.doubt": (-AGAIN - 0.1, DOUBT + TEST + 0.1, "the test ends then"),
@@ -102,7 +105,7 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
         "trust.given_h": speed,
         "trust.lead_h": (-rim, rim, "a wheel that spins free"),
         "trust.moved": (-NEVER, NEVER, "more is not counted"),
-        "trust.total": (0, axles * w.T_max, "of all axles"),
+        "trust.total": (0, all_, "of all axles"),
         "trust.learnt": (0, 1, "it is limited"),
         "trust.seen": (0, 1, FLAG),
         "trust.kept_pace": (0, 1, FLAG),
