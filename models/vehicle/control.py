@@ -43,6 +43,12 @@ from slipctl.models.vehicle.air.valve_control import (
     torque_to_bits,
     valves_at_rest,
 )
+from slipctl.models.vehicle.common_numbers import (
+    common_numbers,
+    is_period,
+    numbers_of_each_wheel,
+    numbers_of_wheel,
+)
 from slipctl.models.vehicle.failure import trust
 from slipctl.models.vehicle.parts import (
     TICK,
@@ -121,9 +127,7 @@ def at_period(block: Block, trip: Trip) -> Block:
     n = round(trip.control.period / TICK)
     if n == 1:
         return block
-    own = {k: trip.control.period for k in block.params
-           if k.rpartition(".")[2] in ("T", "T_s") and not k.startswith("estimator.")
-           and not block.params[k].derived and block.params[k].unit == "s"}  # fmt: skip
+    own = {k: trip.control.period for k in block.params if is_period(k, block)}
     return every(block.with_params(**own), n)
 
 
@@ -255,7 +259,8 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     each = numbers_of_each_axle(trip, part)
     copies = {
         name: replicate(block, axles, [n for n in block.inputs if f"{name}.{n}" in common],
-                        [n for n in block.params if f"{name}.{n}" in each],
+                        [*(n for n in block.params if f"{name}.{n}" in each),
+                         *numbers_of_each_wheel(block)],
                         spread=trip.control.spread)
         for name, block in parts.items()
     }  # fmt: skip
@@ -271,11 +276,11 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
         copies["turn"] = turns(axles).with_params(
             T_max=w.T_max, time=trip.control.let_go, every_=trip.control.let_go_every
         )
-    block = with_control_ranges(connect("ctl", wires, trust=judge, **copies), trip, w)
-    own: dict[str, Any] = dict(_numbers(block, w))
+    copies = {"trust": judge, **copies}
+    shares = common_numbers(trip, copies)
+    block = with_control_ranges(connect("ctl", wires, share=shares, **copies), trip, w)
+    own: dict[str, Any] = dict(numbers_of_wheel(block, trip, w))
     own |= {n: value for n, value in each.items() if n in block.params}
-    if isinstance(trip.actuator, Air):  # the bits explain the torque, so its model has no lag
-        own |= {"trust.tau": TICK, "trust.other": 0.15}
     return at_period(with_keys(block.with_params(**own), getattr(part, "gains", {})), trip)
 
 
@@ -453,22 +458,3 @@ def known_curve() -> tuple[Block, dict[str, str]]:
         doc="Adhesion curve that the controller assumes.",
     )  # fmt: skip
     return block, {n: f"curve.{n}" for n in begin}
-
-
-def _numbers(block: Block, w: Wheel) -> dict[str, float]:
-    """Numbers of the wheel at every place of the controller that has them."""
-    of = {"J": w.J, "r": w.r, "g": w.g, "tau": w.tau, "T_max": w.T_max, "m_axle": w.W}
-    found = {}
-    for name, s in block.params.items():
-        part, _, last = name.rpartition(".")
-        if s.derived or name in ("law.law.lead",):
-            continue
-        if not of_the_wheel(s, last):
-            continue
-        if last == "m" and part == "meter":
-            found[name] = w.W
-        elif last == "m" and part in ("law", "fall", "trust"):
-            found[name] = w.m
-        elif last in of and part.partition(".")[0] != "estimator":
-            found[name] = of[last]
-    return found

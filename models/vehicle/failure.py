@@ -171,7 +171,7 @@ def _axles(
         ))  # fmt: skip
         told.append(dict(
             # a wheel of which nothing is known any more is taken for one that rolls
-            rim=if_else(okay, a.ratio * s["r"] * omega, v), T_b=a.torque, ready=good >= SETTLED,
+            rim=if_else(okay, a.ratio * a.r * omega, v), T_b=a.torque, ready=good >= SETTLED,
             ok=okay, follows=a.follows, stands=a.still > 0.1, test=a.test, ratio=a.ratio,
         ))  # fmt: skip
     return _columns(rows), _columns(told)

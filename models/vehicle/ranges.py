@@ -58,17 +58,20 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
     rim = 1.2 * w.r * spin  # a ratio of wheels is within a tenth of 1
     slip = fastest + rim
     slipping = (-slip, slip, "a wheel that spins, either way, and the vehicle's speed")
-    top = 1.25 * w.T_max
-    most = (-top, top, "a quarter more than the largest, either way")
+    axles = len(trip.vehicle.worked)
+    tuned = "T_max" in block.params and "trust.T_b" in block.outputs  # then these ends follow
+    full, all_, top = (
+        f"{k!r} * T_max" if tuned else k * w.T_max for k in (1.0, float(axles), 1.25)
+    )
+    most = (f"-{top}" if tuned else -top, top, "a quarter more than the largest, either way")
     far = (-250 * w.T_max, 250 * w.T_max, "250 times the largest torque; it is limited")
     time = (0, NEVER, "longer is not counted")
-    axles = len(trip.vehicle.worked)
     speed = (-2, fastest, "430 km/h, or half as much again as at the start")
     rows: dict[str, tuple] = {
         "slip.v_s": slipping,
         "slip.omega_s": (-5 * slip, 5 * slip, "that rim at the least radius"),
         "meter.omegas": (-5 * slip, 5 * slip, "that rim at the least radius"),
-        "meter.torques": most,
+        "meter.torques": far,  # an end that is an expression is of the part's own numbers
         "meter.slips": slipping,
         "meter.mu_m": (-1e3, 1e3, "a wheel that stops within a tick has a hundred"),
         "meter.v_s_m": slipping,
@@ -83,7 +86,7 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
         "trust.omega_h": (-spin, spin, "a wheel that spins free"),
         "trust.mean": (-spin, spin, "a wheel that spins free"),
         "trust.rim": (-rim, rim, "a wheel that spins free"),  # which is faster than the vehicle
-        "trust.torque": (0, w.T_max, "as commanded"),
+        "trust.torque": (0, full, "as commanded"),
         "trust.T_b": most,
         "trust.radius": (0.2 * (1 - WORN), 1 + WORN, "no wheel is worn by more"),
         "trust.doubt": (-AGAIN - 0.1, DOUBT + TEST + 0.1, "the test ends then"),
@@ -102,7 +105,7 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
         "trust.given_h": speed,
         "trust.lead_h": (-rim, rim, "a wheel that spins free"),
         "trust.moved": (-NEVER, NEVER, "more is not counted"),
-        "trust.total": (0, axles * w.T_max, "of all axles"),
+        "trust.total": (0, all_, "of all axles"),
         "trust.learnt": (0, 1, "it is limited"),
         "trust.seen": (0, 1, FLAG),
         "trust.kept_pace": (0, 1, FLAG),
@@ -179,17 +182,7 @@ def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
     """
     vehicle, act, of = trip.vehicle, trip.actuator, trip.sensors.vehicle_speed
     fastest = max(120.0, 1.5 * vehicle.speed)
-    alpha = 2 * (w.T_max + w.W * w.g * w.r) / w.J
-    noise, slow = 0.1, 0.0
-    part = trip.sensors.wheel_speed
-    if isinstance(part, NoisyWheel):
-        noise += _noise(part, alpha * T_S)
-    elif isinstance(part, ToothWheel):
-        tooth, usual = 2 * pi / part.teeth, 1.2 * max(vehicle.speed, 1.0) / w.r
-        noise += usual**2 / tooth * (SURE * part.jitter + 2 * part.clock)
-        slow = sqrt(2 * alpha * tooth)
-    else:
-        assert isinstance(part, Exact)
+    noise, slow = _of_wheel_sensor(trip, w)
     gate, unseen = 0.15, 0.1
     if isinstance(of, NoisySpeed):
         unseen += of.step + _lost(of) * 3.0 * T_S
@@ -217,6 +210,43 @@ def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
         "v_start": vehicle.speed,
         "omega_start": vehicle.speed / w.r,
     }  # fmt: skip
+
+
+def _of_wheel_sensor(trip: Trip, w: Wheel) -> tuple[float, float]:
+    """What a wheel's sensor may be off by in rad/s, and how much more where the wheel is slow."""
+    alpha = 2 * (w.T_max + w.W * w.g * w.r) / w.J
+    part = trip.sensors.wheel_speed
+    if isinstance(part, NoisyWheel):
+        return 0.1 + _noise(part, alpha * T_S), 0.0
+    if isinstance(part, ToothWheel):
+        tooth, usual = 2 * pi / part.teeth, 1.2 * max(trip.vehicle.speed, 1.0) / w.r
+        noise = 0.1 + usual**2 / tooth * (SURE * part.jitter + 2 * part.clock)
+        return noise, sqrt(2 * alpha * tooth)
+    assert isinstance(part, Exact)
+    return 0.1, 0.0
+
+
+def derived_of_inputs(trip: Trip) -> dict[str, tuple[str, list[str]]]:
+    """Expressions of those numbers of :func:`of_inputs` that follow from others, and their places.
+
+    So they follow where radius, inertia, load or largest torque are tuned in C.
+    """
+    driven, part = trip.vehicle.mode == "drive", trip.sensors.wheel_speed
+    turned = ["meter.omega_start"]
+    found = {
+        "omega_start": ("v_start / r", ["trust.omega_start", *turned * (not driven)]),
+        "most": ("1.5 * fastest / r", ["trust.most"]),
+    }
+    if driven:
+        found["omega_seen"] = ("-1 * v_start / r", turned)
+    if isinstance(part, ToothWheel):
+        alpha = "2 * (T_max + m_axle * g * r) / J"
+        found["noise_slow"] = (f"sqrt(2 * ({alpha}) * {2 * pi / part.teeth!r})",
+                               ["trust.noise_slow"])  # fmt: skip
+        found["slow"] = ("2 * noise_slow", ["trust.slow"])
+    if trip.control.demand_lost == "largest" or (trip.control.demand_lost == "" and not driven):
+        found["lost"] = ("1 * T_max", ["trust.lost"])
+    return found
 
 
 def _noise(part: NoisyWheel, change: float) -> float:

@@ -286,13 +286,12 @@ def _shares(trip: Trip, parts: Mapping[str, Block]) -> dict[str, Any]:
     held = ["speed.filter.held_v"] if "accel" in parts else []
     tooth = ["wheel.T"] * isinstance(trip.sensors.wheel_speed, ToothWheel)
     late = trip.control.period != TICK
-    slow = places("ctl.*.T", "ctl.*.T_s", *tooth) if late else []
-    own = places("ctl.law.m") if "law.m_law" not in parts["ctl"].params else []
+    slow = places(*tooth) if late else []
     same_J = len(set(trip.vehicle.inertias)) == 1
     shared: dict[str, list[str]] = {
         "m": places("plant.m", "demand.m", "speed.m"),
-        f"m_axle = m / {axles}": places("plant.train.m_axle", "ctl.meter.m", "*.m_axle"),
-        f"m_wheel = m / {worked}": [*own, *places("ctl.fall.m", "ctl.trust.m")],
+        f"m_axle = m / {axles}": places("plant.train.m_axle", "*.m_axle"),
+        f"m_wheel = m / {worked}": places("ctl.m"),
         "J": [n for n in places("plant.train.J", "*.J") if same_J or n != "plant.train.J"],
         **_radii(trip, apart, places),
         "g": places("plant.g", "*.g"),

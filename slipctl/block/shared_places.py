@@ -60,9 +60,24 @@ def bind(name: str, blocks: Mapping[str, Block], shares: Mapping[str, Share]) ->
             value = share.expression or (lifted[0] if lifted else None)
             made = _declared(blocks, share, told, signals, value)
             found[share.name] = replace(made, places=places)
+    found = _shaped(blocks, found)
     for share in found.values():
         _check_unit(name, share, found)
     return found
+
+
+def _shaped(blocks: Mapping[str, Block], shares: dict[str, Share]) -> dict[str, Share]:
+    """Shares in which what is computed from vectors is a vector too, where all its places are."""
+    for key in [k for k, s in shares.items() if s.expression and not s.begins]:
+        share = shares[key]
+        assert share.signal is not None
+        assert share.expression is not None
+        used = [shares[k].signal for k in names_in(share.expression) if k in shares]
+        own = {signal_at(blocks, p).shape for p in share.places}
+        if len(own) == 1 and any(s is not None and s.shape == next(iter(own)) for s in used):
+            signal = replace(share.signal, shape=next(iter(own)))
+            shares[key] = replace(share, signal=signal)
+    return shares
 
 
 def _places(
@@ -150,8 +165,11 @@ def _agree(
 
 
 def _check_unit(name: str, share: Share, shares: Mapping[str, Share]) -> None:
-    """Refuse an expression of shared numbers that has another unit than its places."""
-    if share.expression is None or share.signal is None:
+    """Refuse an expression of shared numbers that has another unit than its places.
+
+    A number alone is in the unit of its places.
+    """
+    if share.expression is None or share.signal is None or not names_in(share.expression):
         return
     given = []
     for k in names_in(share.expression):

@@ -191,12 +191,15 @@ class Values(Fields):
         }
         found = self._solved(waiting, {**values, **params}, start=True)
 
-        def column(v: Any, size: int) -> Any:
-            return ca.vec(v) if v.numel() == size else ca.repmat(v, size, 1)
+        def column(v: Any, s: Signal) -> Any:
+            if v.numel() == s.size:
+                return ca.vec(v)
+            if len(s.shape) == 2 and v.numel() == s.shape[1]:  # a number for each copy
+                return ca.vec(ca.repmat(ca.vec(v).T, s.shape[0], 1))
+            return ca.repmat(v, s.size, 1)
 
         return {
-            n: column(found[n] if n in waiting else values[n], s.size)
-            for n, s in self.states.items()
+            n: column(found[n] if n in waiting else values[n], s) for n, s in self.states.items()
         }
 
     def _settable(self, name: str) -> Signal:

@@ -34,13 +34,14 @@ def contradictions(control: Block) -> dict[str, str]:
     """
     found = {}
     known = {**control.inputs, **control.states, **control.outputs}
+    now = control.values_by_place()
     for name, part in control.parts.items():
         one = inner_of(part)
         if one.states or not one.sx or "contained" in part.choices:
             continue
         sources = [known[control.wires.get(f"{name}.{n}", f"{name}.{n}")] for n in one.inputs]
         given = {n: ca.SX.sym(n) for n in one.inputs}
-        numbers = {n: float(np.ravel(control.params[f"{name}.{n}"].value)[0])
+        numbers = {n: float(np.ravel(now[f"{name}.{n}"])[0])
                    for n, s in one.params.items() if not s.derived}  # fmt: skip
         values = {n: ca.SX(ca.DM(v)) for n, v in one.param_values(**numbers).items()}
         _, y = one.expr({}, given, values)

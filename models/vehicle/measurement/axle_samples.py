@@ -94,7 +94,7 @@ def axle_signals(n: int) -> list[Signal]:
         omega=Input("rad/s", "measured wheel speed", shape=each, judged=True),
         T_b=Input("N m", "measured torque", positive="braking", shape=each, judged=True),
         T_cmd=Input("N m", "last command", positive="braking", shape=each),
-        r=Param("m", 0.42, "wheel radius", ADDED, lo=0.2, hi=1),
+        r=Param("m", 0.42, "wheel radius", ADDED, lo=0.2, hi=1, shape=each),
         J=Param("kg m^2", 110.0, "inertia of a wheelset", ADDED, lo=0.1, hi=1e5),
         m_axle=Param("kg", 8000.0, "load on the rail", ADDED, lo=100, hi=1e8),
         g=Param("m/s^2", 9.81, "gravity", ADDED, lo=1, hi=30),
@@ -104,11 +104,13 @@ def axle_signals(n: int) -> list[Signal]:
         other=Param("1", 0.25, "share of the largest torque that it may be off by", ADDED, lo=0.01,
                     hi=1),
         noise=Param("rad/s", 0.5, "what a wheel's sensor may be off by", ADDED, lo=0, hi=100),
-        slow=Param("rad/s", 20.0, "below this speed it may be off by more", ADDED, lo=0, hi=1e3),
-        noise_slow=Param("rad/s", 5.0, "that much more", ADDED, lo=0, hi=1e3),
+        slow=Param("rad/s", 20.0, "below this speed it may be off by more", ADDED, lo=0, hi=1e3,
+                   shape=each),
+        noise_slow=Param("rad/s", 5.0, "that much more", ADDED, lo=0, hi=1e3, shape=each),
         alike=Param("1", 0.003, "wheels that differ by less are equal", ADDED, lo=0, hi=0.1),
-        most=Param("rad/s", 430.0, "largest speed of a wheel", ADDED, lo=1, hi=5000),
-        omega_start=Param("rad/s", 40.0, "wheel speed at the start", ADDED, lo=0, hi=1e3),
+        most=Param("rad/s", 430.0, "largest speed of a wheel", ADDED, lo=1, hi=5000, shape=each),
+        omega_start=Param("rad/s", 40.0, "wheel speed at the start", ADDED, lo=0, hi=1e3,
+                          shape=each),
     ) + named_signals(
         rim=Output("m/s", "believed speed of the rim", shape=each),
         T_b=Output("N m", "torque that is believed", positive="braking", shape=each),
@@ -133,22 +135,23 @@ class AxleSample:
             turn: 1 for a braked vehicle, -1 for a driven one.
         """
         self.s, self.k, self.turn = s, k, turn
-        self.rail = s["r"] * s["m_axle"] * s["g"]
+        self.r, self.slower = s["r"][k], s["noise_slow"][k]
+        self.rail = self.r * s["m_axle"] * s["g"]
         self._torque()
         last, out = s["omega_h"][k], s["out"][k]
         self.can = self._can_be(s["omega"][k], last, out)
         self.omega = if_else(self.can, s["omega"][k], last)
         turned, before = self.omega - last, out < NEVER
         self.step = if_else(before, turned, 0)
-        beside = s["radius"][k] / s["r"] - 1
+        beside = s["radius"][k] / self.r - 1
         self.ratio = clip_to_range(
             1 + beside - clip_to_range(beside, -s["alike"], s["alike"]), 1 - 2 * WORN, 1 + 2 * WORN
         )
-        self.speed = self.ratio * s["r"] * self.omega
+        self.speed = self.ratio * self.r * self.omega
         self.candidate = logic_and(self.can, s["ban"][k] <= 0)
         slowed = if_else(out >= NEVER, turn * self.omega, s["mean"][k])
         self.mean = slowed + fmin(s["T"] / 0.1, 1) * (turn * self.omega - slowed)
-        self.gain = s["r"] * (turn * self.omega - self.mean) / 0.1
+        self.gain = self.r * (turn * self.omega - self.mean) / 0.1
         runs_up = all_hold([self.candidate, self.free, self.gain > RUNS_UP])
         self.up = if_else(runs_up, SPEAKS, fmax(s["up"][k] - s["T"], 0))
         self.ran_up = all_hold([self.candidate, self.up > 0, self.gain <= RUNS_UP])
@@ -157,15 +160,15 @@ class AxleSample:
 
     def _can_be(self, raw: Any, last: Any, out: Any) -> Any:
         """Whether a wheel can have that speed, so long after the last one that was believed."""
-        s, T_max = self.s, self.s["T_max"]
+        s, k, T_max = self.s, self.k, self.s["T_max"]
         braked = 1.25 * fmax(fmax(self.torque, self.modelled), 0) + 0.05 * T_max
         way = (out + s["T"]) / s["J"]
-        noise = s["noise"] + if_else(fabs(last) < s["slow"], s["noise_slow"], 0)
+        noise = s["noise"] + if_else(fabs(last) < s["slow"][k], self.slower, 0)
         there = self.turn * (raw - last)
         moved = all_hold([there >= -(braked + 0.1 * self.rail) * way - noise,
                       there <= (0.05 * T_max + 0.6 * self.rail) * way + noise])  # fmt: skip
-        back = BACK / s["r"] + s["noise"] + s["noise_slow"]
-        ranged = logic_and(raw >= -fmin(back, s["most"]), raw <= s["most"])
+        back = BACK / self.r + s["noise"] + self.slower
+        ranged = logic_and(raw >= -fmin(back, s["most"][k]), raw <= s["most"][k])
         return logic_and(ranged, logic_or(moved, out >= NEVER))
 
     def _torque(self) -> None:
@@ -203,7 +206,7 @@ class AxleSample:
         """Learn the radius while the wheel rolls; or, where it never has, as it passes."""
         s, k = self.s, self.k
         now = v / if_else(fabs(self.omega) > 1, self.omega, 1)  # at least 3 m where it stands
-        near = fabs(now - s["r"]) <= WORN * s["r"]
+        near = fabs(now - self.r) <= WORN * self.r
         usable = all_hold([self.taken, sure, fabs(v) > 3, near])
         # on leaves a wheel runs up so slowly that for a while it looks like one that rolls
         self.freed = time_without_break(self.free, s["freed"][k], s["T"])

@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from functools import reduce
 from typing import Any
 
-from casadi import SX, fabs, fmax, fmin, if_else, logic_and, logic_not, logic_or
+from casadi import SX, fabs, fmax, fmin, if_else, logic_and, logic_not, logic_or, sum1
 
 from slipctl import Input, Output, Param, Signal, State
 from slipctl.models.common_form import ADDED
@@ -96,7 +96,7 @@ class VehicleSpeed:
         self.lead, self.count, self.spread = _lead(axles, turn)
         self.seen = logic_and(s["v"] >= -BACK, s["v"] <= s["fastest"])
         self.given = if_else(self.seen, s["v"], 0)
-        share = 1 / (n * s["r"] * s["m"])
+        share = 1 / (n * (sum1(s["r"]) / n) * s["m"])  # radii that differ by 3 % make .1 %
         pull = sum(a.torque for a in axles) * share
         wheels = s["J"] * share * sum(a.step for a in axles)
         before = fabs(s["v_h"])
@@ -108,7 +108,7 @@ class VehicleSpeed:
         self.speed = fabs(self.predicted)
         self.gate = s["gate"] + 0.005 * self.speed
         self._stay(self.predicted - s["v_h"])
-        rims = sum(a.ratio * s["r"] * a.step for a in axles) / n
+        rims = sum(a.ratio * a.r * a.step for a in axles) / n
         self._pace(fmax(pull, 0), turn * (s["given_h"] - self.given), -turn * rims)
         self.beside = self.given - self.predicted
         self.wheels = if_else(self.count >= 1, self.lead - self.predicted, 0)

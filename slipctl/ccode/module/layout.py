@@ -302,6 +302,8 @@ def dense_value(block: Block, signal: Signal, value: Any) -> Any:
             value = ca.repmat(value, rows, columns)
         elif value.numel() == rows * columns:
             value = ca.reshape(value, rows, columns)
+        elif value.numel() == columns:  # a number for each copy
+            value = ca.repmat(ca.vec(value).T, rows, 1)
         else:
             raise BadInput(
                 f"{block.name}.{signal.name} has shape {tuple(value.shape)}, declared"
