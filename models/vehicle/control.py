@@ -69,7 +69,7 @@ from slipctl.models.vehicle.parts import (
     Trip,
     torque_of,
 )
-from slipctl.models.vehicle.parts.file_keys import of_the_wheel, with_keys
+from slipctl.models.vehicle.parts.file_keys import with_keys
 from slipctl.models.vehicle.ranges import of_inputs, searched_ranges, with_control_ranges
 from slipctl.models.vehicle.safe_output import (
     begun_at_torque,
