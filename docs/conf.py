@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).parent))  # the extensions stand here
 project = "slipctl"
 author = "slipctl developers"
 version = release = __version__
-extensions = ["myst_parser", "model_pages", "pictures", "terms"]
+extensions = ["myst_parser", "model_pages", "navigation", "pictures", "terms"]
 # equations are MathML, which browsers know: no MathJax, so nothing is loaded from the network
 myst_heading_anchors = 4
 html_theme = "furo"
