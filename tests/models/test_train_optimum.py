@@ -124,6 +124,16 @@ def test_how_much_shorter_than_each_axle_at_its_peak(axles, tau):
     assert 100 * (1 - best / greedy) == pytest.approx(SAVED[axles, tau], abs=0.6)
 
 
+@pytest.mark.second
+@pytest.mark.parametrize("cars", [2, 3, 4])
+@pytest.mark.parametrize("tau", [1e-4, 1.8e-4])
+def test_one_large_slip_for_all_is_shorter_than_the_best_slip_of_each(cars, tau):
+    """From 8 axles and 1e-4 m/J on, by a tenth of the distance or more."""
+    t = train(places(cars), tau)
+    alike = stop(t, lambda *_: np.full(t.axles, 0.3), 25.0, 2.0).distance
+    assert alike < 0.9 * stop(t, Rule(t, True, 26.0), 25.0, 2.0).distance
+
+
 CASES = [
     (1, 1e-4, None, 778.13, 721.29),
     (2, 3.4e-5, None, 781.69, 748.60),
@@ -154,6 +164,13 @@ def test_the_optimum_to_its_digits(cars, tau, stretches, greedy, best):
     assert found.distance == pytest.approx(best, rel=1e-4)
     assert found.distance <= found.by_program
     assert found.distance >= best * (1 - 5e-5)  # nothing is better than what was found apart
+
+
+@pytest.mark.long
+def test_the_optimum_rests_where_mesh_and_cell_are_halved():
+    coarse, fine = (best_stop(train(places(1)), 25.0, *way).distance
+                    for way in ((2.0, 1.0), (1.0, 0.5)))  # fmt: skip
+    assert fine == pytest.approx(coarse, rel=1e-4)
 
 
 @pytest.mark.second
