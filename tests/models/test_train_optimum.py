@@ -198,8 +198,9 @@ def planned(t, factor):
 
 
 @pytest.mark.second
-@pytest.mark.parametrize(("cars", "tau", "known", "wrong"), [(2, 3.4e-5, 2e-3, 5e-3),
-                                                             (4, 1.8e-4, 5e-2, 7e-2)])  # fmt: skip
+@pytest.mark.parametrize(("cars", "tau", "known", "wrong"), [
+    (2, 3.4e-5, 2e-3, 5e-3), pytest.param(4, 1.8e-4, 5e-2, 7e-2, marks=pytest.mark.long),
+])  # fmt: skip
 def test_a_plan_over_the_axles_gains_little_on_the_law(cars, tau, known, wrong):
     """Shares of the distance, strength known and within three; docs/train_optimum.md has all."""
     t = train(places(cars), tau)
