@@ -21,6 +21,7 @@ from slipctl.models.vehicle.parts import (
     WheelsOnly,
 )
 from slipctl.models.vehicle.slip.takeover import turns
+from slipctl.models.vehicle.wheels import bounded_speed
 from slipctl.studies.leaf_fall.trains import RIVALS, trip
 from tests.models.test_slide_protection import dry, train
 
@@ -93,6 +94,26 @@ def test_ten_seconds_of_sliding_leave_the_speed_within_three_percent_and_its_bou
         inside += bool((off <= got["error"]).all())
     assert near >= 198
     assert inside >= 198
+
+
+def test_without_an_accelerometer_pads_that_differ_by_a_tenth_forbid_it():
+    """An error d of the brake force is one of d mu g t: 3 % of 20.1 m/s is d = 12 %, 2.576 x 4.8 %.
+
+    What the wheels' own estimate does with it: it moves by that, and says that it is not sound.
+    """
+    T, many = 1e-3, 4
+    v, _, omega = slide(many, T, 0.15)
+    assert 0.03 * v[-1] / (2.576 * 0.05 * G * 10) == pytest.approx(0.048, abs=5e-4)
+    block = bounded_speed(many).with_params(v_start=25.0, r=R, m=9500.0 * many)
+    ends = []
+    for share in (0.9, 1.1):
+        torque = np.full(omega.shape, share * 0.05 * R * 9500 * G)
+        got = outputs(block, {"omega": omega, "torque": torque})
+        assert (np.abs(got["v_m"] - v) <= got["error"]).all()
+        assert got["sound"][-1] == 0
+        ends.append(got["v_m"][-1])
+    margin = 1 + float(block.param_values()["margin"])
+    assert ends[0] - ends[1] == pytest.approx(0.2 * margin * 0.05 * G * 10, rel=0.02)
 
 
 def band(v):

@@ -124,6 +124,16 @@ def test_how_much_shorter_than_each_axle_at_its_peak(axles, tau):
     assert 100 * (1 - best / greedy) == pytest.approx(SAVED[axles, tau], abs=0.6)
 
 
+@pytest.mark.second
+@pytest.mark.parametrize("cars", [2, 3, 4])
+@pytest.mark.parametrize("tau", [1e-4, 1.8e-4])
+def test_one_large_slip_for_all_is_shorter_than_the_best_slip_of_each(cars, tau):
+    """From 8 axles and 1e-4 m/J on, by a tenth of the distance or more."""
+    t = train(places(cars), tau)
+    alike = stop(t, lambda *_: np.full(t.axles, 0.3), 25.0, 2.0).distance
+    assert alike < 0.9 * stop(t, Rule(t, True, 26.0), 25.0, 2.0).distance
+
+
 CASES = [
     (1, 1e-4, None, 778.13, 721.29),
     (2, 3.4e-5, None, 781.69, 748.60),
@@ -156,6 +166,13 @@ def test_the_optimum_to_its_digits(cars, tau, stretches, greedy, best):
     assert found.distance >= best * (1 - 5e-5)  # nothing is better than what was found apart
 
 
+@pytest.mark.long
+def test_the_optimum_rests_where_mesh_and_cell_are_halved():
+    coarse, fine = (best_stop(train(places(1)), 25.0, *way).distance
+                    for way in ((2.0, 1.0), (1.0, 0.5)))  # fmt: skip
+    assert fine == pytest.approx(coarse, rel=1e-4)
+
+
 @pytest.mark.second
 def test_the_local_law_is_nearly_as_good_and_bears_a_wrong_strength():
     """Of what is to be gained on 8 axles nearly all with the right strength, most within three."""
@@ -181,8 +198,9 @@ def planned(t, factor):
 
 
 @pytest.mark.second
-@pytest.mark.parametrize(("cars", "tau", "known", "wrong"), [(2, 3.4e-5, 2e-3, 5e-3),
-                                                             (4, 1.8e-4, 5e-2, 7e-2)])  # fmt: skip
+@pytest.mark.parametrize(("cars", "tau", "known", "wrong"), [
+    (2, 3.4e-5, 2e-3, 5e-3), pytest.param(4, 1.8e-4, 5e-2, 7e-2, marks=pytest.mark.long),
+])  # fmt: skip
 def test_a_plan_over_the_axles_gains_little_on_the_law(cars, tau, known, wrong):
     """Shares of the distance, strength known and within three; docs/train_optimum.md has all."""
     t = train(places(cars), tau)
