@@ -43,6 +43,19 @@ def metro(tmp_path, monkeypatch) -> Desk:
     return Desk("metro.toml:super_twisting", tmp_path, compile=False)
 
 
+@pytest.mark.parametrize(("request_", "said"), [
+    ({"kind": "command", "command": "rnu"}, "there is no command 'rnu'"),
+    ({"kind": "block", "path": 3}, "a part is named by a text"),
+    ({"kind": "save", "name": 3}, "a file is named by a text"),
+    ({"kind": "run", "loop": 3}, "loop and scenario are no names"),
+    ({"kind": "law", "law": "x" * 2001}, "a law has at most 2000 letters"),
+])  # fmt: skip
+def test_a_question_that_no_page_asks_is_refused_in_words(subway, request_, said):
+    ((head, _),) = answered(Answers(subway), **request_)
+    assert head["end"]
+    assert any(said in str(fault) for fault in head["faults"])
+
+
 # ---- a run --------------------------------------------------------------------------------------
 
 
