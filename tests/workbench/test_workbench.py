@@ -345,6 +345,18 @@ def test_a_value_is_changed_and_nothing_else(value):
     assert before.startswith("mass")
 
 
+def test_what_stands_before_a_broken_line_is_read_and_of_a_list_its_last_table():
+    for broken in ("b = ", "b = [\nc", "b = 1\nb = 2\nc"):
+        text = f"a = 1\n{broken}"
+        assert texts._readable(text, text.split("\n")) in ({"a": 1}, {"a": 1, "b": 1})
+    assert texts._readable("b = 2", []) == {"b": 2}
+    assert texts._readable("= 2", ["= 2"]) == {}
+    content = {"k": [{"a": 1}, {"b": 2}], "none": [], "t": {"c": 3}}
+    below = [texts._below(content, key) for key in ("k", "none", "t", "other")]
+    assert below == [{"b": 2}, {}, {"c": 3}, {}]
+    assert texts._below("no table", "k") == {}
+
+
 @pytest.mark.parametrize("keys", [("vehicle", "nothing"), ("vehicle",), ("rail", "sections")])
 def test_what_has_no_line_of_its_own_is_not_changed(keys):
     with pytest.raises(BadInput):
