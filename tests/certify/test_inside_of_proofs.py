@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from decimal import Decimal
 from fractions import Fraction
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from slipctl.certify.arithmetic import decimal_intervals
+from slipctl.certify.planar import lagged_maps
+from slipctl.certify.planar.lagged_maps import Lagged, lag_numbers
+from slipctl.certify.planar.scalar_maps import CubicPull, Interval
 from slipctl.certify.smooth.sums_check import _positive
+from slipctl.models.cheng_2022.certificate.dither_search import TIE, first_of_the_best
+from slipctl.models.huang_2020.certificate import reaching_law_kind
 from slipctl.models.huang_2020.certificate.relay_orbits import _period
 from slipctl.models.huang_2020.certificate.relay_sets import Absorbing, Relay
 from slipctl.models.super_twisting.certificate import quadratic
@@ -107,3 +115,51 @@ def test_a_set_that_absorbs_keeps_the_runs_that_begin_in_it() -> None:
             assert not (held and left), (wide, high)
             said.append((held, bool(left)))
     assert {(True, False), (False, True)} <= set(said)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_corners_of_a_hull_are_those_of_scipy(seed: int) -> None:
+    x = np.random.default_rng(seed).integers(-9, 10, (40, 2))
+    points = {(Decimal(int(a)), Decimal(int(b))) for a, b in x}
+    found = lagged_maps._outermost(points)
+    hull = ConvexHull(x)
+    assert sorted(found) == sorted((int(a) * 10**20, int(b) * 10**20) for a, b in x[hull.vertices])
+    edges = np.diff(np.array([*found, found[0]], dtype=float), axis=0)
+    after = np.roll(edges, -1, axis=0)
+    turns = edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0]
+    assert (turns > 0).all()  # one after the other, counter-clockwise
+
+
+def test_a_polygon_as_wide_as_the_funnel_is_never_kept() -> None:
+    """What keeps with its own size is refused once it, or it and the noise, reach the width."""
+
+    def law(number: type, noise: float = 0.0) -> Lagged:
+        lag, T, push, heard, one = (number(str(x)) for x in (0.2, 0.05, 0.01, noise, 1.0))
+        E, c1, c2, scale, left = lag_numbers(lag, T, 0)
+        pull = CubicPull(T, one)
+        return Lagged(pull, pull, push, heard, left, E, c1, c2, scale)
+
+    found = lagged_maps.invariant_levels(law(float), Interval(-0.1, 0.1))
+    assert found is not None
+    levels = np.array(found[0], dtype=float)
+    exact = lagged_maps.decimal_levels(levels)
+    size = float(max(levels[0], levels[lagged_maps.SIDES // 2])) / 1e6
+
+    assert lagged_maps.keeps(law(Decimal), exact, Decimal(0))
+    assert not lagged_maps.keeps(law(Decimal, 1.0 - size / 2), exact, Decimal(0))
+    assert not lagged_maps.keeps(
+        law(Decimal), lagged_maps.decimal_levels(levels / size), Decimal(0))  # fmt: skip
+
+
+def test_the_first_of_scores_that_differ_by_rounding_is_taken() -> None:
+    for most in (0.0, 3.0, -3.0, 1e6, -1e6):
+        near, far = (most - k * TIE * (1 + abs(most)) for k in (0.5, 2))
+        assert first_of_the_best(np.array([far, near, most, near])) == 1
+        assert first_of_the_best(np.array([-math.inf, far, most, near])) == 2
+
+
+def test_without_a_gain_the_sampled_error_has_one_side() -> None:
+    """M has the eigenvalue 1 then: det M < 1 says nothing of it."""
+    n = {"g1": Fraction(0), "g2": Fraction(12), "T": Fraction(1, 1000), "lag": Fraction(42, 10**4)}
+    texts = [[s.text for s in reaching_law_kind._sampled(n | {"g1": Fraction(g)})] for g in (0, 36)]
+    assert texts == [["0 < 1 + trace M + det M"], ["det M < 1", "0 < 1 + trace M + det M"]]

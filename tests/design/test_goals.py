@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
 from slipctl import BadInput
+from slipctl.design import page
 from slipctl.design.goals import Limit, Proved, read_limits
 from slipctl.run.measures.measured_run import Metric
 
@@ -50,3 +54,17 @@ def test_without_certificates_none_is_asked() -> None:
     for text in ("certified", "margin>=2"):
         with pytest.raises(BadInput, match="loop has no certificate; its study declares no gains"):
             read_limits([text], THERE, (), "loop")
+
+
+@pytest.mark.parametrize(("terms", "drawn"), [
+    ([(1, "slip_max")], True), ([(2, "slip_max")], False), ([(1, "torque")], False),
+    ([(1, "slip_max"), (1, "torque")], False),
+])  # fmt: skip
+def test_a_limit_is_drawn_beside_the_objective_that_is_its_metric_alone(terms, drawn) -> None:
+    (limit,), _ = read("slip_max<=2m/s")
+    search = SimpleNamespace(best=0, by_hand=0, limits=[limit])
+    its = SimpleNamespace(by_hand=SimpleNamespace(values=[1.0, 3.0]))
+    fig = page._judged_picture(SimpleNamespace(search=search), terms, ("slip", "m/s"), its)
+    (axis,) = fig.get_axes()
+    at = [line for line in axis.get_lines() if np.ravel(line.get_ydata()).tolist() == [2.0, 2.0]]
+    assert bool(at) == drawn

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slipctl import simulate
+from slipctl import Input, Output, Scenario, law, simulate
 from slipctl.commands.cli import main
 from slipctl.errors import BadInput
 from slipctl.study import resolve
@@ -149,3 +149,18 @@ def test_new_from_writes_the_file_and_refuses_what_is_no_loop(tmp_path, monkeypa
         capsys.readouterr()
         assert main(wrong) == 2
         assert said in capsys.readouterr().err
+
+
+@law(y=Output("N", "sum"))
+def fed(a=Input("N", "one"), b=Input("N", "two"), c=Input("N", "three")):
+    """Three forces."""
+    return a + b + c
+
+
+def test_inputs_that_are_numbers_are_written_and_others_are_told():
+    given = {"a": 2.5, "b": lambda t: t, "c": 3}
+    lines = [*loop_files._inputs(fed, Scenario("s", 1.0, inputs=given))]
+    told = tomllib.loads("\n".join(lines))
+    assert told == {"inputs": {"a": "2.5 N", "c": "3 N"}}
+    assert "# b changes over time, as the study has it" in lines
+    assert [*loop_files._inputs(fed, Scenario("s", 1.0))] == []

@@ -553,3 +553,19 @@ def test_figures_of_a_part_of_a_study_are_drawn_or_left_out(name: str) -> None:
             drawn[key] = figure.draw(results)
     assert any(key.endswith("adhesion_curves") for key in drawn)
     assert None not in drawn.values()
+
+
+@law(y=Output("N", "sum"))
+def weighed(a=Input("N", "in"), w=Param("1", [1.0, 1.0], "weights", shape=(2,)),
+            m=Param("kg", 1.0, "mass")):  # fmt: skip
+    """A vector of numbers."""
+    return a * (w[0] + w[1] + m)
+
+
+def test_a_vector_is_set_element_by_element_in_its_units():
+    made = case_setup._with(weighed, ["w"], case_setup.Setting.read("w=[25 %, 3]"))
+    assert np.ravel(made.param_values()["w"]).tolist() == [0.25, 3.0]
+    made = case_setup._with(weighed, ["m"], case_setup.Setting.read("m=2t"))
+    assert made.param_values()["m"] == 2000
+    with pytest.raises(BadInput, match="w"):
+        case_setup._with(weighed, ["w"], case_setup.Setting.read("w=[1, 2, 3]"))

@@ -43,6 +43,19 @@ def metro(tmp_path, monkeypatch) -> Desk:
     return Desk("metro.toml:super_twisting", tmp_path, compile=False)
 
 
+@pytest.mark.parametrize(("request_", "said"), [
+    ({"kind": "command", "command": "rnu"}, "there is no command 'rnu'"),
+    ({"kind": "block", "path": 3}, "a part is named by a text"),
+    ({"kind": "save", "name": 3}, "a file is named by a text"),
+    ({"kind": "run", "loop": 3}, "loop and scenario are no names"),
+    ({"kind": "law", "law": "x" * 2001}, "a law has at most 2000 letters"),
+])  # fmt: skip
+def test_a_question_that_no_page_asks_is_refused_in_words(subway, request_, said):
+    ((head, _),) = answered(Answers(subway), **request_)
+    assert head["end"]
+    assert any(said in str(fault) for fault in head["faults"])
+
+
 # ---- a run --------------------------------------------------------------------------------------
 
 
@@ -330,6 +343,18 @@ def test_a_value_is_changed_and_nothing_else(value):
     assert after.startswith(f'mass = "{value!r} kg"')
     assert after.endswith('# or tare = "28 t" and load = "10 t"')
     assert before.startswith("mass")
+
+
+def test_what_stands_before_a_broken_line_is_read_and_of_a_list_its_last_table():
+    for broken in ("b = ", "b = [\nc", "b = 1\nb = 2\nc"):
+        text = f"a = 1\n{broken}"
+        assert texts._readable(text, text.split("\n")) in ({"a": 1}, {"a": 1, "b": 1})
+    assert texts._readable("b = 2", []) == {"b": 2}
+    assert texts._readable("= 2", ["= 2"]) == {}
+    content = {"k": [{"a": 1}, {"b": 2}], "none": [], "t": {"c": 3}}
+    below = [texts._below(content, key) for key in ("k", "none", "t", "other")]
+    assert below == [{"b": 2}, {}, {"c": 3}, {}]
+    assert texts._below("no table", "k") == {}
 
 
 @pytest.mark.parametrize("keys", [("vehicle", "nothing"), ("vehicle",), ("rail", "sections")])
