@@ -227,7 +227,7 @@ def test_a_car_slides_on_where_the_rail_does_not_carry_it():
 
 
 def test_a_car_stands_on_a_law_that_is_negative_far_beyond_its_peak():
-    """Burckhardt's line is -0.43 at a creep of 5 m/s, which was taken for the peak of a slow car."""
+    """Burckhardt's line is -0.43 at a creep of 5 m/s: once taken for the peak of a slow car."""
     car = replace(CAR, speed=1.0, radius=(0.42, 0.418, 0.44, 0.437))
     rail = Track(law="burckhardt", sections=(Stretch(place=0.0, condition="wet"),))
     log = run(trip(duration=2.0, vehicle=car, rail=rail, demand=Constant(deceleration=1.4)))
