@@ -62,7 +62,7 @@ def peaks_under_axles(
     values = [ca.SX.sym(name) for name in names]
     best, height = ca.SX(PEAKS[0]), ca.SX(0)
     for s in PEAKS:
-        mu = ca.fabs(_adhesion(adhesion, ca.SX(s), v, values))
+        mu = _adhesion(adhesion, ca.SX(s), v, values)  # far beyond its peak a law may be negative
         best, height = ca.if_else(mu > height, s, best), ca.fmax(mu, height)
     one = ca.Function("peak", [v, *values], [best, height], {"cse": True})
     once = [0, *(1 + j for j, name in enumerate(names) if name not in own)]

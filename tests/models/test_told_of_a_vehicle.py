@@ -198,6 +198,15 @@ UNUSUAL = {
         {'kind = "searched" ': 'kind = "ratio"\nslip = 0.55 # ', "start = { c = 0.7 } ": "# "},
         "reference.slip: 0.55 of the speed; slip laws hold 0.01 to 0.3",
     ),
+    "diameter": (
+        {'radius = "0.42 m"': 'radius = "840 mm"', "110 kg m^2": "300 kg m^2"},
+        "vehicle.radius: a wheel of 1.68 m diameter",
+    ),
+    "thousands": (
+        {'torque = "8 kN m"': 'torque = "8.000 N m"'},
+        "actuator.torque: all axles together give 0.002 m/s.2",
+    ),
+    "just enough torque": ({'torque = "8 kN m"': 'torque = "81 N m"'}, None),
     "teeth": ({"teeth = 120": "teeth = 3"}, "a tooth passes every 52.8 ms at the start"),
     "just enough teeth": ({"teeth = 120": "teeth = 4"}, None),
 }

@@ -226,6 +226,21 @@ def test_a_car_slides_on_where_the_rail_does_not_carry_it():
     np.testing.assert_allclose(log["plant.train.mu"].values[-1], [-0.08, 0, 0, 0], atol=1e-12)
 
 
+def test_a_car_stands_on_a_law_that_is_negative_far_beyond_its_peak():
+    """Burckhardt's line is -0.43 at a creep of 5 m/s: once taken for the peak of a slow car."""
+    car = replace(CAR, speed=1.0, radius=(0.42, 0.418, 0.44, 0.437))
+    rail = Track(law="burckhardt", sections=(Stretch(place=0.0, condition="wet"),))
+    log = run(trip(duration=2.0, vehicle=car, rail=rail, demand=Constant(deceleration=1.4)))
+    v, x = log["plant.train.v"].values, log["plant.train.x"].values
+    first = int(np.argmax(v == 0))
+    assert log["time"].values[first] == pytest.approx(1 / 1.4 + 0.05, abs=0.03)
+    assert (np.diff(v[:first]) <= 0).all()
+    assert not v[first:].any()
+    assert (x[first:] == x[first]).all()
+    assert log["plant.train.residual"].values.max() < 1
+    assert (log["plant.train.mu"].values[:first] < 1e-12).all()  # no wheel pushes
+
+
 def test_a_quarter_of_a_car_by_another_integrator():
     # one axle with a quarter of the mass, braked into a slide; Radau of scipy on the same equations
     car = Vehicle(mass=9.5e3, axles=1, inertia=110.0, speed=15.0)

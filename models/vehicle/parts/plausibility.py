@@ -25,6 +25,12 @@ DRAG = 0.5
 HEIGHTS = (0.01, 0.7)
 """Peak adhesion: below that of leaves and ice, above that of dry rail (0.6 measured)."""
 
+RADII = (0.25, 0.7)
+"""Wheel radius in m: of low-floor trams, and of locomotives with a margin."""
+
+LITTLE = 0.02
+"""Acceleration in m/s^2 that all actuators together give: 0.06 of a heavy freight train."""
+
 FAST = 120.0
 """Speed in m/s: the record on rails is 160."""
 
@@ -47,6 +53,21 @@ def unusual_numbers(trip: Trip) -> Iterator[str]:
         yield (
             f"vehicle.{name}: what turns is as heavy as {100 * turning:.3g} % of the vehicle;"
             " of trains it is 5 to 35 %"
+        )
+    wheel = max(vehicle.radii, key=lambda r: max(r / RADII[1], RADII[0] / r))
+    if not RADII[0] <= wheel <= RADII[1]:
+        yield (
+            f"vehicle.radius: a wheel of {2 * wheel:.3g} m diameter; of trains 0.5 to 1.4 m;"
+            " the key is the radius"
+        )
+    force = sum(
+        trip.actuator.torque / vehicle.radii[k - 1]
+        for k in (vehicle.driven or range(1, 1 + len(vehicle.radii)))
+    )
+    if force < LITTLE * vehicle.total:
+        yield (
+            f"actuator.torque: all axles together give {force / vehicle.total:.2g} m/s^2; brakes"
+            " of trains give 0.5 to 1.5, and a decimal point parts no thousands"
         )
     a, b, c = vehicle.resistance.of(vehicle.total)
     slows = (a + b * vehicle.speed + c * vehicle.speed**2) / vehicle.total
