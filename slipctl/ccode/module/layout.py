@@ -167,6 +167,17 @@ class Layout:
     derived: tuple[Member, ...]
     states: tuple[Member, ...]
     outputs: tuple[Member, ...]
+    measured: tuple[Member, ...] = ()
+
+    @property
+    def signals(self) -> tuple[Member, ...]:
+        """What the equations of a tick give: outputs, and what is measured beside them."""
+        return (*self.outputs, *self.measured)
+
+    @property
+    def now(self) -> str:
+        """Type of the struct that they are in."""
+        return f"struct {self.name}_signals" if self.measured else f"{self.name}_out"
 
     @property
     def big(self) -> str:
@@ -202,8 +213,13 @@ class Layout:
         }  # fmt: skip
 
 
-def layout(block: Block, name: str) -> Layout:
+def layout(block: Block, name: str, measured: Iterable[Signal] = ()) -> Layout:
     """Give each signal of a block its member.
+
+    Args:
+        block: a step or a law.
+        name: prefix of functions and structs.
+        measured: outputs of its parts that it does not give.
 
     Raises:
         BadInput: ``name`` is no C identifier, or a file has it already; two signals would have one
@@ -233,6 +249,7 @@ def layout(block: Block, name: str) -> Layout:
         _members(block, derived),
         _members(block, block.states.values()),
         _members(block, block.outputs.values()),
+        _members(block, measured),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -13,6 +14,7 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.block.fields import VectorNames
 from slipctl.block.transforms.discretisation import counters
+from slipctl.ccode.module.asked_outputs import asked_outputs
 from slipctl.ccode.module.kernel import Kernel, by_parts, kernel
 from slipctl.ccode.module.layout import LOCAL, Layout, Member, constant, dense_value, layout, matrix
 from slipctl.ccode.module.wires import Place, Wires
@@ -64,6 +66,7 @@ class Plan:
         rates: bool = False,
         counter: bool = False,
         byte_order: str = "little",
+        asked: bool = False,
     ) -> None:
         if byte_order not in ("little", "big"):
             raise BadInput(f"there is no byte order {byte_order!r}; write little or big")
@@ -74,15 +77,19 @@ class Plan:
                 f"{block.name} is continuous and has no step;"
                 f" sampled({block.name}, h, method) first"
             )
-        self.block = block
-        self.layout: Layout = layout(block, name or block.name)
+        self.block = self.whole = block
+        if asked and not rates and not block.composition.split:
+            self.block = asked_outputs(block)
+        beside = [s for n, s in block.outputs.items() if n not in self.block.outputs]
+        self.layout: Layout = layout(self.block, name or block.name, beside)
         self.name, self.period = self.layout.name, block.period or period
         self.bound_helpers: set[str] = set()
         try:
             if block.composition.split:  # only CasADi's text leaves what is prepared where it lies
                 raise Unsupported("a tick in two parts")
             self.equations: Kernel = self._by_parts()
-        except Unsupported:  # a table, say
+        except Unsupported:  # a table, say; then it is one function, of what is asked for
+            self.whole, self.layout = self.block, replace(self.layout, measured=())
             self.equations = kernel(
                 self._function(), self._argument, self._local_names(), self.docs, block.name,
                 self._can_be,
@@ -96,7 +103,7 @@ class Plan:
             {m.name: (m, "state->") for m in lay.states},
             {m.name: (m, "next->") for m in lay.states},
             {m.name: (m, "in->") for m in lay.inputs}, params,
-            {m.name: (m, "now->") for m in lay.outputs},
+            {m.name: (m, "now->") for m in lay.signals},
         )  # fmt: skip
 
         def can_be(place: Place, k: int) -> int:
@@ -106,7 +113,7 @@ class Plan:
         named: VectorNames = {}
         for _, leaf in self.block.leaves():  # of several problems the first has names
             named = {**leaf.composition.vector_names, **named}
-        return by_parts(self.block, wires, types, self.results, self.docs, can_be, named)
+        return by_parts(self.whole, wires, types, self.results, self.docs, can_be, named)
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -122,7 +129,7 @@ class Plan:
             "in": f"const {n}_in *in", "param": f"const {n}_param *param",
             "derived": f"const struct {n}_derived *derived",
             "state": f"const struct {n}_kept *state", "next": f"struct {n}_kept *next",
-            "now": f"{n}_out *now", "work": f"struct {n}_work *work",
+            "now": f"{self.layout.now} *now", "work": f"struct {n}_work *work",
         }  # fmt: skip
 
     @cached_property
@@ -147,7 +154,7 @@ class Plan:
     def results(self) -> list[tuple[Member, str]]:
         """Struct member behind each result of the equations, with the pointer to it."""
         lay = self.layout
-        return [(m, "next->") for m in lay.states] + [(m, "now->") for m in lay.outputs]
+        return [(m, "next->") for m in lay.states] + [(m, "now->") for m in lay.signals]
 
     @property
     def work_in_state(self) -> bool:
@@ -175,6 +182,7 @@ class Plan:
         states = sum(m.size for m in lay.states)
         held = max(sum(m.size for m in lay.outputs), 1)
         numbers = states * (1 + self.next_in_state) + sum(m.size for m in lay.derived) + held
+        numbers += sum(m.size for m in lay.signals) * bool(lay.measured)
         numbers += max(self.n_in, 1)  # the last good inputs
         counts = (2 * self.n_in + 1) * bool(self.n_in) + 2 + bool(self.counters)  # of guards
         numbers += max(sum(m.size for m in lay.params), 1)  # those in force
