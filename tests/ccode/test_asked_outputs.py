@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from slipctl import Input, Output, State, connect, law, step
+from slipctl.block.transforms.asked_outputs import asked_outputs, inner_outputs
 from slipctl.ccode.codegen import export
-from slipctl.ccode.module.asked_outputs import asked_outputs, inner_outputs
 
 
 @step(period=0.01, level=Output("1", "mean", lo=-1e3, hi=1e3))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -13,10 +13,20 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.fields import VectorNames
+from slipctl.block.transforms.asked_outputs import asked_outputs
 from slipctl.block.transforms.discretisation import counters
-from slipctl.ccode.module.asked_outputs import asked_outputs
 from slipctl.ccode.module.kernel import Kernel, by_parts, kernel
-from slipctl.ccode.module.layout import LOCAL, Layout, Member, constant, dense_value, layout, matrix
+from slipctl.ccode.module.layout import (
+    LOCAL,
+    Layout,
+    Member,
+    constant,
+    dense_value,
+    layout,
+    matrix,
+    of_each_copy,
+    started_copies,
+)
 from slipctl.ccode.module.wires import Place, Wires
 from slipctl.ccode.passes.precision import check_real, round_to_real, size
 from slipctl.ccode.passes.rolled_loops import roll_lines
@@ -440,8 +450,8 @@ class Plan:
             if m.size > 2 and all(v == values[0] for v in values):
                 array = expression(f"{pointer}{m.c}")
                 given.append(c.do(c.call("fill", [array, c.integer(m.size), values[0]])))
-            elif len(m.signal.shape) == 2 and _of_each_copy(values, m.signal.shape[0]):
-                given += _started_copies(m, pointer, values)
+            elif len(m.signal.shape) == 2 and of_each_copy(values, m.signal.shape[0]):
+                given += started_copies(m, pointer, values)
             else:
                 given += [c.assign(m.node(pointer, k), v) for k, v in enumerate(values)]
         return roll_lines([*drop_unused(self.start.lines, given), *given], set(), sort=True)
@@ -451,20 +461,6 @@ class Plan:
         for path, leaf in self.block.leaves():
             if leaf is not self.block and leaf.doc:
                 yield path, leaf
-
-
-def _of_each_copy(values: Sequence[Node], rows: int) -> bool:
-    """Whether the numbers of each column are one number."""
-    return rows > 1 and all(v == values[k - k % rows] for k, v in enumerate(values))
-
-
-def _started_copies(m: Member, pointer: str, values: Sequence[Node]) -> list[Node]:
-    """Statements that give the numbers of each column its first one."""
-    rows, array = m.signal.shape[0], f"{pointer}{m.c}"
-    heads = [c.assign(m.node(pointer, k), values[k]) for k in range(0, m.size, rows)]
-    rest = f"for (int k = 1; k < {m.size}; ++k) {{ if ((k % {rows}) != 0) {{" \
-           f" {array}[k] = {array}[k - 1]; }} }}"  # fmt: skip
-    return [*heads, *code(rest)]
 
 
 def _declared(text: str) -> Node:
