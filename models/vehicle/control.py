@@ -43,12 +43,6 @@ from slipctl.models.vehicle.air.valve_control import (
     torque_to_bits,
     valves_at_rest,
 )
-from slipctl.models.vehicle.common_numbers import (
-    common_numbers,
-    is_period,
-    numbers_of_each_wheel,
-    numbers_of_wheel,
-)
 from slipctl.models.vehicle.failure import trust
 from slipctl.models.vehicle.parts import (
     TICK,
@@ -78,6 +72,12 @@ from slipctl.models.vehicle.safe_output import (
     reference_with_floor,
     safe_command,
     sample,
+)
+from slipctl.models.vehicle.slip.common_numbers import (
+    common_numbers,
+    is_period,
+    numbers_of_each_wheel,
+    numbers_of_wheel,
 )
 from slipctl.models.vehicle.slip.fixed_reference import fixed_reference
 from slipctl.models.vehicle.slip.own_law import own_block, own_slip_law

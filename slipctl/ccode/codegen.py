@@ -173,7 +173,8 @@ def _produce(
     if period is not None:
         check_positive("c_module: period", period, "s")
         period = float(period)  # of another float type, which JSON does not know
-    plan = Plan(block, name, period, real, content.rates, content.counter, content.byte_order)
+    plan = Plan(block, name, period, real, content.rates, content.counter, content.byte_order,
+                content.asked)  # fmt: skip
     check_guards(block)
     made = texts(plan, content)
     archives = [f"{plan.name}_fmi{v}.fmu" for v in fmu.VERSIONS if content.fmus]

@@ -28,6 +28,8 @@ class Content:
         with_autosar: a software component of AUTOSAR Classic around the module.
         fmus: FMUs for Co-Simulation by FMI 2.0 and 3.0, see docs/fmu.md.
         byte_order: of the processor, ``"little"`` or ``"big"``, for the description in A2L.
+        asked: give those outputs alone that a wire leads out of the block; what its parts give
+            each other is measured.
         platforms: what the FMUs hold binaries for, ``["linux64", "win64"]``; by default each that a
             compiler is installed for.
     """
@@ -43,6 +45,7 @@ class Content:
     fmus: bool = False
     platforms: Sequence[str] | None = None
     byte_order: str = "little"
+    asked: bool = False
 
     def __post_init__(self) -> None:
         if self.platforms is not None and not self.fmus:

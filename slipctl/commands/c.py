@@ -13,6 +13,7 @@ from slipctl.ccode.check.vectors import search
 from slipctl.ccode.check.vectors.vector_file import read_vectors
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import build, store
+from slipctl.study.files import trip_files
 from slipctl.study.request import Request
 
 log = logging.getLogger("slipctl")
@@ -58,6 +59,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
         "with_xcp": options.xcp, "with_autosar": options.autosar,
         "rates": options.rates, "counter": options.counter, "search_seconds": seconds or 0,
         "byte_order": options.byte_order,
+        # of a vehicle's file the C gives commands; what its parts tell each other is measured
+        "asked": trip_files.is_trip(asked.home),
     }  # fmt: skip
     if block is not None:
         inputs = read_vectors(vectors, block) if vectors else None

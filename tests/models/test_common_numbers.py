@@ -14,9 +14,9 @@ from slipctl.block.transforms.discretisation import runs_of_part
 from slipctl.ccode.codegen import c_module
 from slipctl.ccode.module.guard import REFUSED
 from slipctl.models.vehicle import trip as trips
-from slipctl.models.vehicle.common_numbers import WHEEL
 from slipctl.models.vehicle.control import vehicle_control
 from slipctl.models.vehicle.parts.file_keys import of_the_wheel
+from slipctl.models.vehicle.slip.common_numbers import WHEEL
 
 TICKS = 40
 """Ticks that are compared of each parameter: from the tick on in which slip control has begun."""

@@ -84,7 +84,7 @@ def equations(plan: Plan, sources: Mapping[str, str]) -> list[dict[str, Any]]:
 
 def _equations(plan: Plan, source: str) -> list[dict[str, Any]]:
     members = {f"next->{plan.layout.places[m.c]}": m.name for m in plan.layout.states}
-    members |= {f"now->{m.c}": m.name for m in plan.layout.outputs}
+    members |= {f"now->{m.c}": m.name for m in plan.layout.signals}
     lines, function, file, begun, own = source.splitlines(), "", "", 0, ""
     files = {source.count("\n", 0, m.end()): m[1] for m in _FILE.finditer(source)}
     found: list[dict[str, Any]] = []

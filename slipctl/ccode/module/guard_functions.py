@@ -243,7 +243,7 @@ def finite(plan: Plan) -> list[Node]:
         return []
     rest = [place for place in plan.untested if place[0] not in ahead]
     first = [place for place in plan.untested if place[0] in ahead]
-    arguments = [f"const struct {plan.name}_kept *next", f"const {plan.name}_out *now"]
+    arguments = [f"const struct {plan.name}_kept *next", f"const {plan.layout.now} *now"]
     made = []
     for name, places in (("result_finite", rest), ("ahead_finite", first)):
         if not places:

@@ -197,6 +197,12 @@ def _state(plan: Plan) -> str:
             what = "Arrays of functions of step, where they would take too much of the stack."
             whole = [comment(what), *structs(arrays, f"{n}_work", real)]
         lines += whole
+    if lay.measured:
+        told = "What the parts of a tick give: the outputs, and measurements beside them."
+        lines += [comment(told), f"{lay.now} {{"]
+        for m in lay.signals:
+            lines += [member_comment(m), f"    {m.declared(real)}"]
+        lines += ["};", ""]
     lines += [
         comment("State: set by init, changed by step; a copy of the struct saves an instance."),
         f"typedef struct {n}_state {{",
@@ -207,6 +213,8 @@ def _state(plan: Plan) -> str:
         lines.append(f"    struct {n}_derived derived;")
     lines.append(f"    {n}_param in_force; /* parameters that init or tune took last */")
     lines.append(f"    {n}_out held; /* outputs of the last good step */")
+    if lay.measured:
+        lines.append(f"    {lay.now} measured; /* of the last good step */")
     lines.append(f"    struct {n}_guard guard; /* what the guards keep */")
     if plan.next_in_state:
         lines.append(f"    struct {n}_kept next; /* scratch of step */")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
@@ -18,8 +18,8 @@ from slipctl.block.curves import places_of
 from slipctl.block.signals import Signal
 from slipctl.ccode.module.comments import ascii_text
 from slipctl.ccode.tree.expressions import number
-from slipctl.ccode.tree.nodes import Node
-from slipctl.ccode.tree.parser import expression
+from slipctl.ccode.tree.nodes import Node, assign
+from slipctl.ccode.tree.parser import code, expression
 from slipctl.errors import BadInput
 
 _C_WORDS = """
@@ -167,6 +167,17 @@ class Layout:
     derived: tuple[Member, ...]
     states: tuple[Member, ...]
     outputs: tuple[Member, ...]
+    measured: tuple[Member, ...] = ()
+
+    @property
+    def signals(self) -> tuple[Member, ...]:
+        """What the equations of a tick give: outputs, and what is measured beside them."""
+        return (*self.outputs, *self.measured)
+
+    @property
+    def now(self) -> str:
+        """Type of the struct that they are in."""
+        return f"struct {self.name}_signals" if self.measured else f"{self.name}_out"
 
     @property
     def big(self) -> str:
@@ -202,8 +213,13 @@ class Layout:
         }  # fmt: skip
 
 
-def layout(block: Block, name: str) -> Layout:
+def layout(block: Block, name: str, measured: Iterable[Signal] = ()) -> Layout:
     """Give each signal of a block its member.
+
+    Args:
+        block: a step or a law.
+        name: prefix of functions and structs.
+        measured: outputs of its parts that it does not give.
 
     Raises:
         BadInput: ``name`` is no C identifier, or a file has it already; two signals would have one
@@ -233,6 +249,7 @@ def layout(block: Block, name: str) -> Layout:
         _members(block, derived),
         _members(block, block.states.values()),
         _members(block, block.outputs.values()),
+        _members(block, measured),
     )
 
 
@@ -326,3 +343,17 @@ def constant(signal: Signal, value: Any) -> np.ndarray:
 def c_elements(m: Member, value: Any) -> np.ndarray:
     """Elements of one value in the order of C: column by column."""
     return constant(m.signal, value).ravel(order="F")
+
+
+def of_each_copy(values: Sequence[Node], rows: int) -> bool:
+    """Whether the numbers of each column are one number."""
+    return rows > 1 and all(v == values[k - k % rows] for k, v in enumerate(values))
+
+
+def started_copies(m: Member, pointer: str, values: Sequence[Node]) -> list[Node]:
+    """Statements that give the numbers of each column its first one."""
+    rows, array = m.signal.shape[0], f"{pointer}{m.c}"
+    heads = [assign(m.node(pointer, k), values[k]) for k in range(0, m.size, rows)]
+    rest = f"for (int k = 1; k < {m.size}; ++k) {{ if ((k % {rows}) != 0) {{" \
+           f" {array}[k] = {array}[k - 1]; }} }}"  # fmt: skip
+    return [*heads, *code(rest)]

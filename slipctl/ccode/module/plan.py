@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -12,9 +13,20 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.fields import VectorNames
+from slipctl.block.transforms.asked_outputs import asked_outputs
 from slipctl.block.transforms.discretisation import counters
 from slipctl.ccode.module.kernel import Kernel, by_parts, kernel
-from slipctl.ccode.module.layout import LOCAL, Layout, Member, constant, dense_value, layout, matrix
+from slipctl.ccode.module.layout import (
+    LOCAL,
+    Layout,
+    Member,
+    constant,
+    dense_value,
+    layout,
+    matrix,
+    of_each_copy,
+    started_copies,
+)
 from slipctl.ccode.module.wires import Place, Wires
 from slipctl.ccode.passes.precision import check_real, round_to_real, size
 from slipctl.ccode.passes.rolled_loops import roll_lines
@@ -64,6 +76,7 @@ class Plan:
         rates: bool = False,
         counter: bool = False,
         byte_order: str = "little",
+        asked: bool = False,
     ) -> None:
         if byte_order not in ("little", "big"):
             raise BadInput(f"there is no byte order {byte_order!r}; write little or big")
@@ -74,15 +87,19 @@ class Plan:
                 f"{block.name} is continuous and has no step;"
                 f" sampled({block.name}, h, method) first"
             )
-        self.block = block
-        self.layout: Layout = layout(block, name or block.name)
+        self.block = self.whole = block
+        if asked and not rates and not block.composition.split:
+            self.block = asked_outputs(block)
+        beside = [s for n, s in block.outputs.items() if n not in self.block.outputs]
+        self.layout: Layout = layout(self.block, name or block.name, beside)
         self.name, self.period = self.layout.name, block.period or period
         self.bound_helpers: set[str] = set()
         try:
             if block.composition.split:  # only CasADi's text leaves what is prepared where it lies
                 raise Unsupported("a tick in two parts")
             self.equations: Kernel = self._by_parts()
-        except Unsupported:  # a table, say
+        except Unsupported:  # a table, say; then it is one function, of what is asked for
+            self.whole, self.layout = self.block, replace(self.layout, measured=())
             self.equations = kernel(
                 self._function(), self._argument, self._local_names(), self.docs, block.name,
                 self._can_be,
@@ -96,7 +113,7 @@ class Plan:
             {m.name: (m, "state->") for m in lay.states},
             {m.name: (m, "next->") for m in lay.states},
             {m.name: (m, "in->") for m in lay.inputs}, params,
-            {m.name: (m, "now->") for m in lay.outputs},
+            {m.name: (m, "now->") for m in lay.signals},
         )  # fmt: skip
 
         def can_be(place: Place, k: int) -> int:
@@ -106,7 +123,7 @@ class Plan:
         named: VectorNames = {}
         for _, leaf in self.block.leaves():  # of several problems the first has names
             named = {**leaf.composition.vector_names, **named}
-        return by_parts(self.block, wires, types, self.results, self.docs, can_be, named)
+        return by_parts(self.whole, wires, types, self.results, self.docs, can_be, named)
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -122,7 +139,7 @@ class Plan:
             "in": f"const {n}_in *in", "param": f"const {n}_param *param",
             "derived": f"const struct {n}_derived *derived",
             "state": f"const struct {n}_kept *state", "next": f"struct {n}_kept *next",
-            "now": f"{n}_out *now", "work": f"struct {n}_work *work",
+            "now": f"{self.layout.now} *now", "work": f"struct {n}_work *work",
         }  # fmt: skip
 
     @cached_property
@@ -147,7 +164,7 @@ class Plan:
     def results(self) -> list[tuple[Member, str]]:
         """Struct member behind each result of the equations, with the pointer to it."""
         lay = self.layout
-        return [(m, "next->") for m in lay.states] + [(m, "now->") for m in lay.outputs]
+        return [(m, "next->") for m in lay.states] + [(m, "now->") for m in lay.signals]
 
     @property
     def work_in_state(self) -> bool:
@@ -175,6 +192,7 @@ class Plan:
         states = sum(m.size for m in lay.states)
         held = max(sum(m.size for m in lay.outputs), 1)
         numbers = states * (1 + self.next_in_state) + sum(m.size for m in lay.derived) + held
+        numbers += sum(m.size for m in lay.signals) * bool(lay.measured)
         numbers += max(self.n_in, 1)  # the last good inputs
         counts = (2 * self.n_in + 1) * bool(self.n_in) + 2 + bool(self.counters)  # of guards
         numbers += max(sum(m.size for m in lay.params), 1)  # those in force
@@ -432,8 +450,8 @@ class Plan:
             if m.size > 2 and all(v == values[0] for v in values):
                 array = expression(f"{pointer}{m.c}")
                 given.append(c.do(c.call("fill", [array, c.integer(m.size), values[0]])))
-            elif len(m.signal.shape) == 2 and _of_each_copy(values, m.signal.shape[0]):
-                given += _started_copies(m, pointer, values)
+            elif len(m.signal.shape) == 2 and of_each_copy(values, m.signal.shape[0]):
+                given += started_copies(m, pointer, values)
             else:
                 given += [c.assign(m.node(pointer, k), v) for k, v in enumerate(values)]
         return roll_lines([*drop_unused(self.start.lines, given), *given], set(), sort=True)
@@ -443,20 +461,6 @@ class Plan:
         for path, leaf in self.block.leaves():
             if leaf is not self.block and leaf.doc:
                 yield path, leaf
-
-
-def _of_each_copy(values: Sequence[Node], rows: int) -> bool:
-    """Whether the numbers of each column are one number."""
-    return rows > 1 and all(v == values[k - k % rows] for k, v in enumerate(values))
-
-
-def _started_copies(m: Member, pointer: str, values: Sequence[Node]) -> list[Node]:
-    """Statements that give the numbers of each column its first one."""
-    rows, array = m.signal.shape[0], f"{pointer}{m.c}"
-    heads = [c.assign(m.node(pointer, k), values[k]) for k in range(0, m.size, rows)]
-    rest = f"for (int k = 1; k < {m.size}; ++k) {{ if ((k % {rows}) != 0) {{" \
-           f" {array}[k] = {array}[k - 1]; }} }}"  # fmt: skip
-    return [*heads, *code(rest)]
 
 
 def _declared(text: str) -> Node:

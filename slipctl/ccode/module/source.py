@@ -337,6 +337,8 @@ def _init(plan: Plan) -> list[Node]:
     lines += ["state->counter.begun = 0U;", "state->counter.last = 0U;"] * plan.counter
     if lay.outputs:
         lines.append("start_outputs(&state->held);")
+    if lay.measured:
+        lines.append(f"state->measured = ({lay.now}){{.{_values([(lay.outputs[0], 0.0)])[1:]}}};")
     if plan.follows(lay.outputs):
         lines.append(f"(void){limit_outputs_call(plan, '&state->held')};")
     lines.append("return status;")
@@ -384,6 +386,14 @@ def _has_hold(plan: Plan) -> bool:
     return bool(plan.safe) or plan.follows(plan.layout.outputs)
 
 
+def _given(plan: Plan) -> list[str]:
+    """Statements that give the outputs, of a module that measures more than it gives."""
+    return [
+        f"out->{m.c} = now.{m.c};" if m.scalar else f"copy(out->{m.c}, now.{m.c}, {m.size});"
+        for m in plan.layout.outputs
+    ]
+
+
 def _step(plan: Plan) -> list[Node]:
     n, big, lay = plan.name, plan.layout.big, plan.layout
     hold = [_hold_call(plan)]
@@ -392,7 +402,7 @@ def _step(plan: Plan) -> list[Node]:
     following = "state->next" if plan.next_in_state else "next"
     seen = "&state->guard.last" if lay.inputs else "in"
     first = check_inputs_call(plan, "used") if lay.inputs else "0U"
-    lines: list[str | Node] = ["(void)param; /* those in force are used */", f"{n}_out now;"]
+    lines: list[str | Node] = ["(void)param; /* those in force are used */", f"{lay.now} now;"]
     lines.append(f"const {n}_param *const used = &state->in_force;")
     if has_next and not plan.next_in_state:
         lines.append(f"struct {n}_kept next;")
@@ -436,9 +446,12 @@ def _step(plan: Plan) -> list[Node]:
     if plan.counters:
         moved = "catch_up(&state->kept, (double)state->guard.missed);"
         lines.append(if_("state->guard.missed > 0U", moved, "state->guard.missed = 0U;"))
+    told = "out" if lay.measured else "&now"
+    lines += ["state->measured = now;", *_given(plan)] if lay.measured else []
     if any(plan.ranged(m) for m in lay.outputs):
-        lines.append(f"status |= {limit_outputs_call(plan, '&now', 'used')};")
-    lines += ["state->held = now;", "*out = now;", "return (int)status;"]
+        lines.append(f"status |= {limit_outputs_call(plan, told, 'used')};")
+    lines += ["state->held = *out;"] if lay.measured else ["state->held = now;", "*out = now;"]
+    lines.append("return (int)status;")
     texts = prototypes(plan)
     if plan.rates:
         looked = [f"status = {first};".replace("used", "&state->in_force")]

@@ -39,7 +39,7 @@ def a2l(plan: Plan) -> str:
 
     lay = plan.layout
     kind = "FLOAT64_IEEE" if plan.real == "double" else "FLOAT32_IEEE"
-    every = [*(m for g in _groups(plan).values() for m in g), *lay.derived]
+    every = [*(m for g in _groups(plan).values() for m in g), *lay.derived, *lay.measured]
     units = sorted({m.signal.unit for m in every if not m.signal.values})
     methods: Methods = {u: f"CM_{k}" for k, u in enumerate(units)}
     blocks = [
@@ -73,6 +73,14 @@ def a2l(plan: Plan) -> str:
     offset = sum(m.size for m in lay.states) * size(plan.real)
     for m in lay.derived:
         blocks.append(_measurement(plan, "state", m, offset, methods, kind, "derived."))
+        offset += m.size * size(plan.real)
+    beside = lay.signals if lay.measured else ()
+    offset += sum(max(sum(m.size for m in g), 1) for g in (lay.params, lay.outputs)) * size(
+        plan.real
+    )
+    for m in beside:
+        if m in lay.measured:
+            blocks.append(_measurement(plan, "state", m, offset, methods, kind, "measured."))
         offset += m.size * size(plan.real)
     blocks += _METHODS if "1" in units else [*_METHODS, _NONE]
     blocks += status.values()
@@ -139,6 +147,7 @@ def _status(plan: Plan, bare: str) -> dict[str, str]:
             "/end MEASUREMENT"
         )
     before = [*lay.states, *lay.derived, *lay.params, *lay.outputs, *lay.inputs]
+    before += lay.signals if lay.measured else ()
     ends = (lay.params, lay.outputs, lay.inputs)
     at = (sum(m.size for m in before) + sum(not members for members in ends)) * size(plan.real)
     counts = [
@@ -169,11 +178,14 @@ def _grouped(plan: Plan, status: list[str]) -> list[str]:
     """A group of each struct, of the status, and of each part of the block."""
     lay = plan.layout
     given = {s: [_name(plan, s, m, _within(s)) for m in g] for s, g in _groups(plan).items()}
-    given["derived"] = [_name(plan, "state", m, "derived.") for m in lay.derived]
+    more = [("state", m, "derived.") for m in lay.derived]
+    more += [("state", m, "measured.") for m in lay.measured]
+    for struct, m, within in more:
+        given.setdefault(within[:-1], []).append(_name(plan, struct, m, within))
     groups = {("parameters" if s == "param" else s): names for s, names in given.items()}
     groups["status"] = status
     members = [*((s, m, _within(s)) for s, g in _groups(plan).items() for m in g),
-               *(("state", m, "derived.") for m in lay.derived)]  # fmt: skip
+               *more]  # fmt: skip
     for struct, m, within in members:
         part = m.name.rpartition(".")[0]
         if part:

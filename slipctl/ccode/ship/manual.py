@@ -13,6 +13,17 @@ from slipctl.ccode.ship.readable import table
 from slipctl.ccode.tree.expressions import number
 
 
+def _measured(plan: Plan) -> str:
+    """What is said of measurements, where there are some."""
+    if not plan.layout.measured:
+        return ""
+    return (
+        " What the parts give each other\nis in the state, "
+        f"`{plan.name}_state.measured`, of the last good step; `{plan.name}.a2l` has it for"
+        "\ncalibration tools. It may be beyond its range, so take commands from `out` alone."
+    )
+
+
 def readme(plan: Plan) -> str:
     """Text of the README."""
     from slipctl import __version__
@@ -50,7 +61,7 @@ Call in this order:
    before stay in force.
 
 Units, ranges, signs and sources stand beside each member in `{n}.h`. Link with the C mathematics
-library (`-lm`).
+library (`-lm`).{_measured(plan)}
 
 | status | bit | meaning |
 |---|---|---|

@@ -233,7 +233,7 @@ def any_results(plan: Plan, text: str) -> str:
     lay = plan.layout
     given = [a for a in ("in", "param", "derived", "state", "work") if f"*{a}" in found[0]]
     body = ["int k;", *(f"(void){a};" for a in given)]
-    for pointer, members in (("next", lay.states), ("now", lay.outputs)):
+    for pointer, members in (("next", lay.states), ("now", lay.signals)):
         for m in members:
             body += _each(m, f"{pointer}->{m.c}{'' if m.scalar else '[k]'} = unknown;")
     body += ["return 0;"] * (found[1] == "int")
