@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -79,3 +80,9 @@ def test_the_answer_of_a_study_is_that_of_its_page(name):
     study = resolve.load_study(name)
     assert study.short == short
     assert study.headline in {c.id for c in study.claims}
+
+
+@pytest.mark.parametrize("name", sorted(resolve.studies()))
+def test_the_answer_of_a_study_has_three_sentences_at_most(name):
+    short = resolve.load_study(name).short
+    assert 1 <= len(re.findall(r"[.?!](?: |$)", short)) <= 3
