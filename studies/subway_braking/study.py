@@ -238,9 +238,10 @@ study = Study(
     " Energies 2020",
     doc="Does super-twisting end the chattering of sliding-mode slip control, does least squares"
     " with differential evolution find the best slip in time, and with which gains?",
-    short="With the printed gains, super-twisting chatters more than the reaching law that it should"
-    " replace, and with k1 = 20 and k2 = 10 the chattering ends. The paper's own estimator does not find the optimum. A windowed one with a probe finds"
-    " it in a quarter of a second on exact data, but not with lag and noise on ice.",
+    short="With the printed gains, super-twisting chatters more than the reaching law that it"
+    " should replace, and with k1 = 20 and k2 = 10 the chattering ends. The paper's own estimator"
+    " does not find the optimum. A windowed one with a probe finds it in a quarter of a second on"
+    " exact data, but not with lag and noise on ice.",
     headline="chattering_eliminated",
     models=MODELS,
     cases=cases,
