@@ -34,6 +34,7 @@ SLOPE = Input("1", "gradient, rise over run, uphill positive", value=0.0, lo=-0.
 MASS = Param("kg", None, "mass", lo=100, hi=1e8)
 ROTATING = Param("1", None, "rotating mass, a share of the mass", lo=0, hi=1)
 GRAVITY = Param("m/s^2", 9.81, "gravity", lo=1, hi=30)
+COASTS = Output("m/s^2", "acceleration, without a brake on any line", lo=-2, hi=2)
 FADE = Param("m/s", 0.1, "speed below which resistance fades", "as of davis", lo=1e-4, hi=100)
 
 
@@ -42,7 +43,7 @@ def resistance_share(v: Any, v_0: Any) -> Any:
     return fmax(-1, fmin(1, v / v_0))
 
 
-@flow(a=Output("m/s^2", "acceleration"), coordinates=("c0", "c1", "c2"))
+@flow(a=COASTS, coordinates=("c0", "c1", "c2"))
 def coasting(
     v=State("m/s", 20.0, "speed", lo=-200, hi=200),
     slope=SLOPE,
@@ -60,7 +61,7 @@ def coasting(
     return dict(v=a), dict(a=a)
 
 
-@flow(a=Output("m/s^2", "acceleration"), coordinates=("c0", "c1", "c2"))
+@flow(a=COASTS, coordinates=("c0", "c1", "c2"))
 def coasting_by_mass(
     v=State("m/s", 20.0, "speed", lo=-200, hi=200),
     slope=SLOPE,

@@ -51,6 +51,16 @@ def test_coasting_finds_the_numbers_of_its_closed_form():
 
 
 @pytest.mark.second
+def test_a_deceleration_that_no_coasting_has_is_told():
+    """Times in another unit give numbers that fit as well, a thousand times too large."""
+    t = np.arange(0, 60, 0.5)
+    right = fit_over_time(coasting, {"time": t, "v": coasted(t)}, "v", at=KNOWN)
+    wrong = fit_over_time(coasting, {"time": 1e-3 * t, "v": coasted(t)}, "v", at=KNOWN)
+    assert not right.doubts
+    assert wrong.values["c0"] > 100 * right.values["c0"]
+    assert "look at the units of time and v" in wrong.doubts[0]
+
+
 def test_deviations_are_those_that_noise_brings():
     """Errors of 8 logs, each by its own deviation, have a mean square near 1 (chi^2 of 16)."""
     t = np.arange(0, 250, 2.0)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from slipctl.block.block import Block
 from slipctl.errors import BadInput
 from slipctl.estimate.log_fit.record import DEAD, FittedOverTime, Piece, Record, origin
 from slipctl.estimate.log_fit.rollout import LATEST, Rolled, Stretch
@@ -17,6 +18,9 @@ DRAWN, THIN, REACH = 16, 800, 30.0
 
 FINEST = 64
 """Most Runge-Kutta steps from one sample to the next."""
+
+SEEN = 100
+"""Samples of a stretch at which the ranges of outputs are looked at."""
 
 DOUBTFUL = 0.25
 """Standard deviation, as a share of the value, from which on a number is told to be doubtful."""
@@ -180,7 +184,8 @@ class Search:
         return FittedOverTime(
             fitted.with_source(origin(sources), *rolled.unknown), sources, rolled.output, values,
             std, self._intervals(values, std, freedom / alike), correlation,
-            tuple(map(float, theta[k:])), pieces, alike, self._doubts(values, std, alike),
+            tuple(map(float, theta[k:])), pieces, alike,
+            (*self._off_range(fitted), *self._doubts(values, std, alike)),
             self._notes(), rolled.delayed,
         )  # fmt: skip
 
@@ -292,6 +297,23 @@ class Search:
                 f"residuals stay alike for {alike * spacing:.3g} s (wind, gradient, another law?);"
                 f" standard deviations are {math.sqrt(alike):.2g} times those of white noise"
             )
+        return tuple(found)
+
+    def _off_range(self, fitted: Block) -> tuple[str, ...]:
+        """Outputs that leave their declared range where the fitted flow was measured."""
+        if list(fitted.states) != [self.rolled.output]:
+            return ()
+        found, rows = [], [p.thinned(SEEN) for p in self.pieces]
+        seen = [fitted(**{self.rolled.output: y}, **{n: v[k] for n, v in p.inputs.items()})[1]
+                for p in rows for k, y in enumerate(p.measured) if np.isfinite(y)]  # fmt: skip
+        for n, s in fitted.outputs.items():
+            far = max((float(one[n]) for one in seen), key=lambda v: max(s.lo - v, v - s.hi))
+            if not s.lo <= far <= s.hi:
+                unit = "" if s.unit == "1" else f" {s.unit}"
+                found.append(
+                    f"{n} comes to {far:.4g}{unit}, beyond its range of {s.lo:g} to {s.hi:g}{unit}:"
+                    f" look at the units of time and {self.rolled.output}"
+                )
         return tuple(found)
 
     def _notes(self) -> tuple[str, ...]:
