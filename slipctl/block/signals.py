@@ -164,9 +164,8 @@ class Signal:
             check_whole(f"{where}: stale", self.stale, 0)
         for b in self.bounds:
             names_in(b.expression)
-        if self.shape != () and (not isinstance(self.shape, tuple) or any(
-            not isinstance(n, int) or n < 1 for n in self.shape
-        )):  # fmt: skip
+        plain = isinstance(self.shape, tuple)
+        if not plain or (self.shape and any(not isinstance(n, int) or n < 1 for n in self.shape)):
             raise BadInput(f"{where}: shape {self.shape} has an extent below 1; write (n,), (n, m)")
         if self.rising and (len(self.shape) != 1 or self.shape[0] < 2):
             raise BadInput(f"{where}: places of a table have a shape (n,), n at least 2")

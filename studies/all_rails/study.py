@@ -157,10 +157,9 @@ study = Study(
     source=SOURCE,
     doc="Which controller loses how much distance on which rail, with the same estimator, with"
     " noise, lag, and masses and adhesion that are not what it was told?",
-    short="With gains set by hand, predictive control has the lowest mean on every braking"
-    " rail, and PID tuned alike is within two standard errors of it on one rail of the"
-    " subway. On the driven train all laws end within a centimetre or two. On the subway the"
-    " estimator causes most of the loss of all laws.",
+    short="With gains set by hand, predictive control has the lowest mean on every braking rail,"
+    " and PID tuned alike is close behind on one of them. On the driven train all laws end within"
+    " a centimetre or two. On the subway the estimator causes most of the loss of all laws.",
     headline="bound",
     cases=cases,
     signals=Signals(

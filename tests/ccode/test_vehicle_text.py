@@ -71,12 +71,14 @@ COMMAND = """#include "metro_parts.h"
 #include "__fc_builtin.h"
 extern volatile double any; /* NaN and infinity among them */
 static metro_param param;
+static struct metro_derived derived;
 static struct metro_kept state, next;
 static metro_out now;
 int main(void)
 {
     const int axle = Frama_C_interval(0, 3);
     metro_default(&param);
+    derived.period = 0.001; /* the only one that the command needs */
     for (int i = 0; i < 4; ++i) {
         state.safe.T_h[i] = Frama_C_double_interval(0.0, 8000.0);
         state.safe.let_go[i] = Frama_C_double_interval(0.0, 10.0);
@@ -89,7 +91,7 @@ int main(void)
     now.trust_retry = any; now.trust_v = any;
     now.trust_demand = Frama_C_double_interval(-2e6, 2e6);
     apply(&param, &now, axle);
-    safe_part(&param, &state.safe, &next.safe, &now, axle);
+    safe_part(&param, &derived, &state.safe, &next.safe, &now, axle);
     /*@ check \\is_finite(now.safe_T_cmd[axle]) && 0.0 <= now.safe_T_cmd[axle] <= 8000.0; */
     /*@ check 0.0 <= next.safe.T_h[axle] <= 8000.0; */
     /*@ check 0.0 <= next.safe.let_go[axle] <= param.safe_limit; */

@@ -1,8 +1,8 @@
 """Numbers that the parts of a vehicle's slip control have in common: each is one parameter.
 
 What follows from others, as the wheel speed at the start from speed and radius, is derived, so that
-it follows where they are tuned in C. The period is that of the file: what was made of it, windows
-and times between runs, is in the code, so it is no number that could be tuned beside them.
+it follows where they are tuned in C. The period is that of the file. Windows and times between runs
+were made of it and stand in the code, so it cannot be tuned beside them.
 """
 
 from __future__ import annotations
