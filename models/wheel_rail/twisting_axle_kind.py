@@ -32,9 +32,9 @@ def _damped(n: Numbers) -> Sequence[Side]:
 
     Proof note: V = J p'^2/2 + k p^2 changes at the rate -2 d p'^2 - r N p' (f(s + r p'/2) -
     f(s - r p'/2)). Adhesion falls by at most q per m/s. So for p' > 0 the difference of f is at
-    least -q r p', and V' <= -(2 d - q N r^2) p'^2. The same holds for p' < 0. Where the bracket is above
-    zero V falls but at p' = 0, where only p = 0 stays (LaSalle). Both sides of q N r^2 < 2 d are
-    squared, so that no root is left. If it is false, take a curve that falls by q around s: a
+    least -q r p', and V' <= -(2 d - q N r^2) p'^2. The same holds for p' < 0. Where the bracket is
+    above zero V falls but at p' = 0, where only p = 0 stays (LaSalle). Both sides of q N r^2 < 2 d
+    are squared, so that no root is left. If it is false, take a curve that falls by q around s: a
     small twist there is linear, and does not die out. So the condition is exact.
     """
     drive = n["fall"] * n["N"] * n["r"] ** 2

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slipctl.block.shared_numbers import Share, differences, has_place, signal_at
-from slipctl.block.signals import Signal
+from slipctl.block.signals import Signal, common_range
 from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.errors import BadInput, nearest
 
@@ -154,7 +154,7 @@ def _agree(
                 f"{name}: share {share.name!r}: {place} is derived, {s.value}; share what it"
                 " depends on"
             )
-    lo, hi = max(s.lo for s in signals), min(s.hi for s in signals)
+    lo, hi = common_range(signals)
     if lo > hi:
         low = next(p for p, s in zip(places, signals, strict=True) if s.lo == lo)
         high = next(p for p, s in zip(places, signals, strict=True) if s.hi == hi)
@@ -217,6 +217,7 @@ def _declared(
     # copies that begin alike begin with one number
     alone = begins and np.ndim(first.value) == 0
     alone |= value is not None and (begins or share.expression is not None)
+    lo, hi = common_range(signals)
     signal = first.as_role(
         "param",
         name=share.name,
@@ -224,8 +225,8 @@ def _declared(
         truth=(),
         value=first.value if value is None else value,
         shape=() if alone else first.shape,
-        lo=max(s.lo for s in signals),
-        hi=min(s.hi for s in signals),
+        lo=lo,
+        hi=hi,
         source=first.source or next((s.source for s in signals if s.source), ""),
     )
     return replace(share, places=places, begins=begins, signal=signal)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -130,7 +131,8 @@ class Signal:
     """Whether a block has declared it, whose unit and own number are in order, under any name."""
 
     def __post_init__(self) -> None:
-        check_texts("a signal", self, "role", "doc", "source", "name", "axis")
+        if {*map(type, (self.role, self.doc, self.source, self.name, self.axis))} != {str}:
+            check_texts("a signal", self, "role", "doc", "source", "name", "axis")
         if self.unit in KINDS:
             self._typed()
         for what, choice, choices in (
@@ -469,9 +471,15 @@ def numbers_and_bounds(lo: End, hi: End, **rest: End) -> dict[str, Any]:
     return numbers | {"bounds": bounds}
 
 
+def common_range(signals: Iterable[Signal]) -> tuple[float, float]:
+    """Range that all signals have in common; where they have none its ends are in wrong order."""
+    every = tuple(signals)
+    return max(map(attrgetter("lo"), every)), min(map(attrgetter("hi"), every))
+
+
 def total_size(signals: Iterable[Signal]) -> int:
     """Number of elements of all signals together."""
-    return sum([s.size for s in signals])
+    return sum(map(attrgetter("size"), signals))
 
 
 def packed_numbers(signals: Mapping[str, Signal], values: Mapping[str, Any]) -> np.ndarray | None:

@@ -1,8 +1,8 @@
 """What the axles of a train see of the rail: a field under the train, and how well wheels clean.
 
 The field has cells that move back under the train. Each holds three numbers. They are the share q
-of the clean curve as the last axle over it measured, the share of the first axle, and the energy W
-that wheels have left since. Each axle that passes adds joule per metre of one rail:
+of the clean curve as the last axle over it measured, and that of the first axle. The third is the
+energy W that wheels have left since. Each axle that passes adds joule per metre of one rail:
 
     W <- W + N mu v_s/v
 
