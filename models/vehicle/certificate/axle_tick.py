@@ -269,7 +269,7 @@ class _Rest:
             (k, size) for size in (1.0, -1.0, 0.3, -0.3) for k in range(self.kept)
         ]
         for base in (settled, self.first):  # an integral may have run into a limit meanwhile
-            for k, size in tries if self.kept else tries[:1]:
+            for k, size in tries:
                 x = base.copy()
                 if size:
                     x[self.many - self.kept + k] += size * self.first[1]
@@ -302,7 +302,7 @@ class _Rest:
         off = (self._after(settled, height)[0] - settled)[self.many - self.kept :]
         near = 1e-6 * np.maximum(1.0, np.abs(settled[self.many - self.kept :]))
         moving = [name for name, o, n in zip(self.law, off, near, strict=True) if abs(o) > n]
-        return (f"there {' and '.join(moving[:3])} of the law still moves" if moving else
+        return (f"there the law still moves, in {', '.join(moving[:3])}" if moving else
                 "a limit of the torque is in the way")  # fmt: skip
 
 
