@@ -1,6 +1,7 @@
 """Sensors: tooth wheel with a timer, speed with noise, and adhesion computed from both."""
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 from casadi import erf, floor, fmax, fmin, if_else, mmax, mmin, pi, sqrt, vertcat
@@ -184,6 +185,7 @@ def _shifted(window: Any, newest: Any) -> Any:
     return vertcat(window[1:], newest) if window.shape[0] > 1 else newest
 
 
+@cache
 def adhesion_meter(window: int = 16, torque: str = "held", noise: bool = True) -> Block:
     """Make the meter of adhesion over a window of ticks.
 

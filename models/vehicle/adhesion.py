@@ -71,11 +71,8 @@ def _rows_of_law(
 ) -> Iterator[tuple[str, list[tuple[np.ndarray, np.ndarray]]]]:
     """Slips in m/s and adhesion seen against them, of each condition, by speed and direction."""
     train = on_train(law)
-    p = {n: ca.SX.sym(n.replace(".", "_"), *s.shape) for n, s in train.params.items()}
-    s, v = ca.SX.sym("s"), ca.SX.sym("v")
-    mu = train.expr({}, {"v_s": s, "v": v}, p)[1]["mu"]
-    curve = ca.Function("curve", [s, v, *p.values()], [mu])
-    speeds = np.geomspace(max(speed, 1.0), 1.0, SPEEDS if ca.depends_on(mu, v) else 1)
+    curve, by_speed = law.of_equations("curve", lambda: _curve(train))
+    speeds = np.geomspace(max(speed, 1.0), 1.0, SPEEDS if by_speed else 1)
     for name, values in conditions.items():
         known = train.param_values(**values)
         numbers = [known[n] for n in train.params]
@@ -87,6 +84,14 @@ def _rows_of_law(
             mu_of = np.array(curve(side * slips[None, :], at, *numbers))
             rows.append((slips, side * mu_of.ravel()))
         yield name, rows
+
+
+def _curve(train: Block) -> tuple[ca.Function, bool]:
+    """Adhesion over slip and speed in m/s and parameters, and whether the speed matters."""
+    p = {n: ca.SX.sym(n.replace(".", "_"), *s.shape) for n, s in train.params.items()}
+    s, v = ca.SX.sym("s"), ca.SX.sym("v")
+    mu = train.expr({}, {"v_s": s, "v": v}, p)[1]["mu"]
+    return ca.Function("curve", [s, v, *p.values()], [mu]), ca.depends_on(mu, v)
 
 
 def _fault(slips: np.ndarray, mu: np.ndarray) -> str:

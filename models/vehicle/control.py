@@ -264,7 +264,7 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
                         spread=trip.control.spread)
         for name, block in parts.items()
     }  # fmt: skip
-    judge = trust(axles, driven, **of_inputs(trip, w))
+    judge = trust(axles, driven).with_params(**of_inputs(trip, w))
     wires |= {
         "trust.v": "v", "trust.omega": "omega", "trust.T_b": "T", "trust.T_demand": "T_demand",
     }  # fmt: skip

@@ -13,6 +13,7 @@ relied on.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 from casadi import fmax, if_else, logic_and, logic_not, logic_or, sum1, vertcat
@@ -182,13 +183,13 @@ def _columns(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {n: vertcat(*[row[n] for row in rows]) for n in rows[0]}
 
 
-def trust(axles: int, driven: bool, **numbers: float) -> Block:
+@cache
+def trust(axles: int, driven: bool) -> Block:
     """Make the judge of all inputs: what of them is believed, and what stands for the rest.
 
     Args:
         axles: how many have an actuator.
         driven: the vehicle is driven; its wheels are seen in the mirror.
-        **numbers: parameters of the block.
 
     Returns:
         Step from ``v``, ``omega``, ``T_b``, ``T_demand``, which may be anything, and the last
@@ -215,4 +216,4 @@ def trust(axles: int, driven: bool, **numbers: float) -> Block:
         outputs=[s for s in signals if s.role == "output"],
         doc="Judge every input: what is believed of it, and what stands for it where it is not.",
         choices={"axles": axles, "driven": driven}, failures=_failures(turn),
-    ).with_params(**numbers)  # fmt: skip
+    )  # fmt: skip

@@ -10,6 +10,7 @@ states leave their ranges begins anew, on its axle alone.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -44,6 +45,7 @@ def _failures(mode: str | float, driven: bool) -> list[tuple[str, ...]]:
     ]  # fmt: skip
 
 
+@cache
 def safe_command(mode: str | float, driven: bool = False) -> Block:
     """Make what gives an axle its command, by slip control or without it.
 

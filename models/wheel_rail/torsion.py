@@ -22,7 +22,6 @@ from math import pi
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eigh
 
 from slipctl import BadInput, Block, Input, Output, Param, State, make_block
 from slipctl.errors import check_positive
@@ -98,6 +97,8 @@ class Wheelset:
 
     def modes(self) -> list[Mode]:
         """Modes in which it twists, by frequency."""
+        from scipy.linalg import eigh
+
         squares, shapes = eigh(self.stiffness_matrix, np.diag(self.inertias))
         found = []
         for square, shape in zip(squares[1:], shapes.T[1:], strict=True):  # the first one turns

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs, as_block
+from slipctl.block.call_order import Call, calls_of_parts, dependence_of_parts
 from slipctl.block.fields import Composition
 from slipctl.block.functions import symbol_maker
 from slipctl.block.shared_numbers import (
@@ -25,10 +26,6 @@ from slipctl.block.shared_numbers import (
 from slipctl.block.shared_places import bind
 from slipctl.block.signals import Signal
 from slipctl.errors import BadInput, check_known, nearest
-
-Call = tuple[str, list[str], bool]
-"""One evaluation of a part: its name, the outputs to take, and whether it is the last one."""
-
 
 WIRE_END = re.compile(r"[A-Za-z][\w.]*")
 
@@ -74,7 +71,7 @@ def connect(
     wiring = _Wiring.of(name, blocks, wires)
     free, signals = _signals_of_parts(blocks, wiring, shares)
     inner, outer_outputs = wiring.inner, wiring.outputs
-    plan = _schedule(name, blocks, inner)
+    plan = calls_of_parts(name, blocks, inner)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         results: dict[tuple[str, str], Any] = {
@@ -105,8 +102,12 @@ def connect(
     def rebuild(parts: dict[str, Block], changed: Mapping[str, Share] | None = None) -> Block:
         return connect(name, wires, share=given if changed is None else changed, **parts)
 
-    made_of = Composition(dict(blocks), rebuild, dict(wires), prefixed=True, sharing=sharing,
-                          by_structure=True)  # fmt: skip
+    made_of = Composition(
+        dict(blocks), rebuild, dict(wires), prefixed=True, sharing=sharing, by_structure=True,
+        dependence=lambda: dependence_of_parts(
+            blocks, plan, inner, free, signals, outer_outputs.values()
+        ),
+    )  # fmt: skip
     return Block(
         name, kind, body, signals, period=period, doc=f"Connection of {', '.join(blocks)}.",
         sx=all(block.sx for block in blocks.values()),
@@ -286,100 +287,6 @@ def _both(a: Signal, b: Signal) -> Signal:
     )
 
 
-def _schedule(
-    name: str,
-    blocks: Mapping[str, Block],
-    inner: Mapping[tuple[str, str], tuple[str, str]],
-) -> list[Call]:
-    """Order of evaluation; a part whose outputs become known in pieces is called in pieces."""
-    known = {(b, n) for b, block in blocks.items() for n in block.states if n not in block.outputs}
-    waiting = dict.fromkeys(blocks)
-    plan: list[Call] = []
-
-    def is_known(b: str, port: str) -> bool:
-        source = inner.get((b, port))
-        return source is None or source in known
-
-    while waiting:
-        whole = next((b for b in waiting if all(is_known(b, n) for n in blocks[b].inputs)), None)
-        if whole is not None:
-            outputs = [n for n in blocks[whole].outputs if (whole, n) not in known]
-            plan.append((whole, outputs, True))
-            known |= {(whole, n) for n in outputs}
-            del waiting[whole]
-            continue
-        missing = {
-            b: [inner[b, n] for n in blocks[b].inputs if not is_known(b, n)] for b in waiting
-        }
-        wanted = _leading_to(missing[_on_circle(missing)], blocks, inner, known)
-        for b in waiting:
-            ready = [
-                n for n, needs in blocks[b].feedthrough().items()
-                if (b, n) in wanted and all(is_known(b, k) for k in needs)
-            ]  # fmt: skip
-            if ready:
-                plan.append((b, ready, False))
-                known |= {(b, n) for n in ready}
-                break
-        else:
-            raise BadInput(f"{name}: algebraic loop {_loop_path(blocks, inner, known)}")
-    return plan
-
-
-def _on_circle(missing: Mapping[str, Sequence[tuple[str, str]]]) -> str:
-    """Part that waits for itself: the walk back from part to part comes to it again."""
-    trail = [next(iter(missing))]
-    while trail[-1] not in trail[:-1]:
-        trail.append(missing[trail[-1]][0][0])
-    return trail[-1]
-
-
-def _leading_to(
-    ends: Sequence[tuple[str, str]],
-    blocks: Mapping[str, Block],
-    inner: Mapping[tuple[str, str], tuple[str, str]],
-    known: set[tuple[str, str]],
-) -> set[tuple[str, str]]:
-    """Unknown outputs that some outputs need, themselves included.
-
-    A part is called for no others before its turn, so that nothing dear is worked out twice.
-    """
-    found: set[tuple[str, str]] = set()
-    ahead = list(ends)
-    while ahead:
-        b, n = ahead.pop()
-        if (b, n) not in found | known:
-            found.add((b, n))
-            ahead += [inner[b, k] for k in blocks[b].feedthrough()[n] if (b, k) in inner]
-    return found
-
-
-def _loop_path(
-    blocks: Mapping[str, Block],
-    inner: Mapping[tuple[str, str], tuple[str, str]],
-    known: set[tuple[str, str]],
-) -> str:
-    """Walk back from an output that cannot be computed until one comes again."""
-    node = next(
-        (b, n)
-        for b, block in blocks.items()
-        for n in block.outputs
-        if (b, n) not in known and any((b, k) in inner for k in block.feedthrough()[n])
-    )
-    trail: list[tuple[str, str]] = []
-    while node not in trail:
-        trail.append(node)
-        b, n = node
-        node = next(
-            inner[b, k]
-            for k in blocks[b].feedthrough()[n]
-            if (b, k) in inner and inner[b, k] not in known
-        )
-    cycle = trail[trail.index(node) :][::-1]
-    path = " -> ".join(f"{b}.{n}" for b, n in [*cycle, cycle[0]])
-    return f"{path}; break it with a unit_delay() or with a state"
-
-
 def evaluation_order(
     block: Block,
 ) -> tuple[list[Call], dict[tuple[str, str], tuple[str, str]], dict[tuple[str, str], str]]:
@@ -400,7 +307,7 @@ def evaluation_order(
             del free[end]
         else:
             free[end] = source
-    return _schedule(block.name, block.parts, inner), inner, free
+    return calls_of_parts(block.name, block.parts, inner), inner, free
 
 
 def _inputs(

@@ -78,6 +78,8 @@ class Composition:
             long for them, say. What else its making refuses is no matter of numbers.
         solves: lines of the problem that it solves, and the blocks that these speak of.
         split: for a step whose tick may be made in two, how.
+        dependence: for a connection, which elements of its inputs each element of its outputs
+            depends on, of its parts alone.
         vector_names: what the numbers are in vectors of the Functions inside it.
     """
 
@@ -92,6 +94,7 @@ class Composition:
     guard: Callable[[Mapping[str, Any]], None] | None = None
     solves: tuple[Sequence[tuple[str, str]], Mapping[str, Block]] | None = None
     split: Split | None = None
+    dependence: Callable[[], np.ndarray] | None = None
     vector_names: VectorNames = field(default_factory=dict)
 
     @classmethod

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipctl.block.signals import packed_numbers, total_size
+from slipctl.block.signals import Signal, packed_numbers, total_size
 from slipctl.block.text.intermediates import collect_locals, values_of_body, with_checked_locals
 from slipctl.block.values import Values
 from slipctl.errors import BadInput, check_all_known, check_known, list_of_kind
@@ -21,6 +21,12 @@ _PREFIX = {"state": "x", "input": "u", "param": "p", "output": "y"}
 def symbol_maker(sx: bool) -> Callable[..., Any]:
     """``SX.sym`` or ``MX.sym``."""
     return ca.SX.sym if sx else ca.MX.sym
+
+
+def rows_by_signal(signals: Mapping[str, Signal], matrix: np.ndarray) -> dict[str, np.ndarray]:
+    """Rows of a matrix, one an element, by the signal that they belong to."""
+    ends = np.cumsum([s.size for s in signals.values()])
+    return dict(zip(signals, np.split(matrix, ends[:-1]), strict=bool(signals)))
 
 
 class Functions(Values):
@@ -172,28 +178,30 @@ class Functions(Values):
         J = ca.horzcat(*[ca.jacobian(results[of], known[w]) for w in wanted])
         return ca.Function(f"jac_{self._c_name()}", args, [J], names, ["J"])
 
+    def dependence(self) -> np.ndarray:
+        """Which elements of the inputs each element of the outputs depends on directly.
+
+        Returns:
+            Matrix of truth, a row an element of the outputs, a column one of the inputs.
+        """
+        return self.of_equations("dependence", self.composition.dependence or self._sparsity)
+
+    def _sparsity(self) -> np.ndarray:
+        if not (self.outputs and self.inputs):
+            return np.zeros([total_size(s.values()) for s in (self.outputs, self.inputs)], bool)
+        return np.array(ca.DM(self.f.jac_sparsity(1, 1), 1).full(), dtype=bool)
+
     def feedthrough(self) -> dict[str, list[str]]:
         """Inputs that each output depends on directly, by structure."""
         return self.of_equations("feedthrough", self._direct)
 
     def _direct(self) -> dict[str, list[str]]:
-        if not self.outputs:
-            return {}
-        if not self.inputs:
-            return {name: [] for name in self.outputs}
-        pattern: Any = np.array(ca.DM(self.f.jac_sparsity(1, 1), 1).full(), dtype=bool)
-        out: dict[str, list[str]] = {}
-        row = 0
-        for name, s in self.outputs.items():
-            hit = pattern[row : row + s.size].any(axis=0)
-            row += s.size
-            used, column = [], 0
-            for u, su in self.inputs.items():
-                if hit[column : column + su.size].any():
-                    used.append(u)
-                column += su.size
-            out[name] = used
-        return out
+        depends = self.dependence()
+        rows = rows_by_signal(self.outputs, depends)
+        return {
+            name: [u for u, hit in rows_by_signal(self.inputs, rows[name].T).items() if hit.any()]
+            for name in self.outputs
+        }
 
     def _numbers(self, role: str, vector: Any) -> dict[str, Any]:
         out = {}

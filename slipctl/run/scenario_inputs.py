@@ -15,7 +15,7 @@ from slipctl.block.block import Block
 from slipctl.block.connection import parts_inlined
 from slipctl.block.functions import symbol_maker
 from slipctl.block.shared_numbers import targets
-from slipctl.block.signals import Signal, real_array
+from slipctl.block.signals import Signal, real_array, total_size
 from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.block.transforms.replication import with_derived
 from slipctl.errors import BadInput, nearest
@@ -274,7 +274,10 @@ def _looked_up(loop: Block, name: str, n: int, varying: Sequence[str]) -> ca.Fun
     """Loop with a table of n rows below its parameters: starts, and values of what varies."""
     sym = symbol_maker(loop.sx)
     places = loop._sibling(name, "behind")
-    x, u, p = (sym("xup"[i], loop.f.size1_in(i)) for i in range(3))
+    x, u, p = (
+        sym(letter, total_size(signals.values()))
+        for letter, signals in zip("xup", (loop.states, loop.inputs, loop.params), strict=True)
+    )
     table = sym("table", n * (1 + len(varying)))
     position = loop.unpack("state", x)[name]
     values: dict[str, Any] = {}
@@ -293,5 +296,5 @@ def _looked_up(loop: Block, name: str, n: int, varying: Sequence[str]) -> ca.Fun
     with parts_inlined():
         then, y = loop.expr(loop.unpack("state", x), u_dict, loop.derive(free))
     packed = [loop.pack("state", then), loop.pack("output", y)]
-    return ca.Function(f"{loop.f.name()}_rail", [x, u, ca.vertcat(p, table)], packed,
+    return ca.Function(f"{loop._c_name()}_rail", [x, u, ca.vertcat(p, table)], packed,
                        ["x", "u", "p"], ["n", "y"], {"cse": True})  # fmt: skip

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import casadi as ca
+
 from slipctl.run import build
 from slipctl.run.metrics import (
     AGAINST_OTHERS,
@@ -136,10 +138,14 @@ def _add_runs(
 
 
 def _size(case: Case, name: str) -> float:
-    """How long a run is, roughly: ticks times numbers that a tick works out."""
-    with suppress(Exception):  # a loop that cannot be made says so where it runs
+    """How long a run is, roughly: ticks times numbers that a tick works out.
+
+    A loop that was tried has its function; one that cannot be made says so where it runs.
+    """
+    with suppress(Exception):
         loop = case.loops[name]
-        return case.scenario.duration / float(loop.period or 0.0) * int(loop.f.sz_w())
+        made = [f.sz_w() for f in loop._made.values() if isinstance(f, ca.Function)]
+        return case.scenario.duration / float(loop.period or 0.0) * float(max(made, default=0))
     return 0.0
 
 

@@ -48,10 +48,15 @@ def model_files() -> dict[str, Path]:
 
 
 @lru_cache(maxsize=256)  # of a file as it is: many studies and models are looked up in a run
+def _text(path: Path, changed: int) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+@lru_cache(maxsize=256)
 def _parsed(path: Path, changed: int) -> ast.Module:
     """What a file holds; nothing where it is no Python."""
     try:
-        return ast.parse(path.read_text(encoding="utf-8"))
+        return ast.parse(_text(path, changed))
     except SyntaxError:
         return ast.parse("")
 
@@ -260,16 +265,25 @@ def load_block(name: str) -> Block:
         return part_of(found, path) if dot else found
     if name.endswith((".py", ".toml")):
         raise BadInput(f"{name}: write which block of it, {name}:block")
+    return _model(name)
+
+
+@lru_cache(maxsize=256)
+def _model(name: str) -> Block:
+    """Block by ``model`` or ``module.model``: a model is imported once, and so it is made once."""
+    if "." not in name:
+        mentioned = (s for s in _sources("models") if f"def {name}(" in _text(*s[1:]))
+        hits = [module for module, *file in mentioned if name in _described(*file)[1]]
+        if len(hits) == 1:
+            return find_block(_import("models", hits[0]), name, hits[0])
+        if hits:
+            where = " or ".join(f"{m}.{name}" for m in hits)
+            raise BadInput(f"{name!r} could be {where}; write which")
     known = models()
     if "." in name:
         module, _, block = name.rpartition(".")
         check_known("there is no model file", module, known)
         return find_block(_import("models", module), block, module)
-    hits = [module for module, (_, blocks) in known.items() if name in blocks]
-    if len(hits) == 1:
-        return find_block(_import("models", hits[0]), name, hits[0])
-    if hits:
-        raise BadInput(f"{name!r} could be {' or '.join(f'{m}.{name}' for m in hits)}; write which")
     if name in known:
         raise BadInput(f"{name} is a file of models; write which: " + ", ".join(
             f"{name}.{b}" for b in known[name][1]))  # fmt: skip

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from slipctl.models.vehicle.adhesion import rail_law
 from slipctl.models.vehicle.certificate.axle_loops import _Asked
 from slipctl.models.vehicle.certificate.axle_tick import AxleTick
 from slipctl.models.vehicle.certificate.gains import _wheel
@@ -56,7 +57,7 @@ def test_axle_is_the_differential_equation_and_a_command_acts_within_a_tick(stud
     """A dead time of 2.4 ticks: the command of 3 ticks ago acts for 4 ms, the next one for 6."""
     loop = Request.of(study, "pid", []).chosen[0]
     trip = trip_files.load_trip("t.toml")
-    asked = _Asked(trip, trip.controllers["pid"], "leaves")
+    asked = _Asked(trip, trip.controllers["pid"], "leaves", rail_law(trip))
     tick = AxleTick(trip, asked.part, loop, asked.falls, asked._given(**_wheel(loop)), 0.8, 0.1)
     n = {**asked.numbers(loop), "dead": Fraction(24, 1000), "T": Fraction(1, 100)}
     built = tick.build(n)

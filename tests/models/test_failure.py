@@ -23,7 +23,7 @@ NUMBERS = dict(r=R, J=J, m=M, m_axle=LOAD, T_max=T_MAX, tau=0.06, gate=0.35, los
 @lru_cache(maxsize=16)
 def judge(driven: bool, ticks: int):
     """``trust`` of four axles over some ticks, and the block."""
-    block = trust(4, driven, **NUMBERS)
+    block = trust(4, driven).with_params(**NUMBERS)
     return block, block.f.mapaccum(ticks)
 
 
@@ -141,7 +141,7 @@ def test_a_train_that_is_released_as_a_whole_tries_the_demand_after_its_limit(dr
 
 def test_without_sensors_the_speed_falls_by_the_running_resistance():
     """As dv/dt = -c v^2 has it; a vehicle that stands is not moved by it."""
-    block, c, ticks = trust(1, False, **NUMBERS, resist_2=4e-4), 4e-4, 1000
+    block, c, ticks = trust(1, False).with_params(**NUMBERS, resist_2=4e-4), 4e-4, 1000
     alike, run = block.with_params(resist_0=0.5), block.f.mapaccum(ticks)
     u = block.pack("input", dict.fromkeys(block.inputs, math.nan) | {"T_cmd": 0.0, "T_demand": 0.0})
     for found, start, end in ((block, 40.0, 40 / (1 + c * 40 * ticks * H)), (alike, 0.0, 0.0)):

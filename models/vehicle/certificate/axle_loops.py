@@ -93,8 +93,8 @@ def _on_rails(trip: Trip, part: SlipLaw | OwnLaw) -> tuple[list[_Asked], str]:
     """
     kind = _AskedModes if has_modes(trip, part) else _Asked
     try:
-        some = [one for rail in rail_law(trip).conditions
-                if (one := kind(trip, part, rail)).rules()]  # fmt: skip
+        law = rail_law(trip)
+        some = [one for rail in law.conditions if (one := kind(trip, part, rail, law)).rules()]
     except BadInput as error:
         if trip.ensemble is None:
             raise
@@ -107,9 +107,8 @@ class _Asked:
 
     asked_as = "axle_loop"
 
-    def __init__(self, trip: Trip, part: SlipLaw | OwnLaw, rail: str) -> None:
-        self.trip, self.part, self.rail = trip, part, rail
-        self.law = rail_law(trip)
+    def __init__(self, trip: Trip, part: SlipLaw | OwnLaw, rail: str, law: Block) -> None:
+        self.trip, self.part, self.rail, self.law = trip, part, rail, law
         own = {k: float(p.value) for k, p in self.law.params.items() if not p.derived}
         self.curve = own | {k: float(v) for k, v in self.law.conditions[rail].items()}
         self.over, self.left = bounds.ranges(trip)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from casadi import fmax, fmin, if_else, logic_and, mmin, vertcat
 
 from slipctl import Block, Input, Output, Param, State, law, step
 from slipctl.models.common_form import ADDED, T_S
 
 
+@cache
 def slip_from_speeds(driven: bool) -> Block:
     """Make the slip from both speeds, and the wheel speed as a braked wheel would have it.
 
@@ -32,6 +35,7 @@ def slip_from_speeds(driven: bool) -> Block:
     return slip
 
 
+@cache
 def wake(always: bool) -> Block:
     """Make what says whether slip control rules in this tick.
 
@@ -62,6 +66,7 @@ def wake(always: bool) -> Block:
     return waking
 
 
+@cache
 def watch(always: bool) -> Block:
     """Make what says when slip control gives back.
 
@@ -114,6 +119,7 @@ def demand_alone(
     return fmin(fmax(T_demand, 0), T_max)
 
 
+@cache
 def turns(axles: int) -> Block:
     """Make what lets one axle go in turn while wheels slide, so that one of them tells the speed.
 
