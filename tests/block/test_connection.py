@@ -5,6 +5,7 @@ import re
 from itertools import pairwise
 
 import casadi as ca
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -279,6 +280,12 @@ def test_random_graphs_are_evaluated_in_the_right_order(graph):
     got_n, got_y = ({}, result) if block.kind == "law" else result
     assert got_y == pytest.approx(y, rel=1e-12)  # a few sines of each other
     assert got_n == pytest.approx(n, rel=1e-12)
+    np.testing.assert_array_equal(block.dependence(), pattern_of_function(block))
+
+
+def pattern_of_function(block):
+    """Which inputs each output depends on, by CasADi on the function of the whole."""
+    return ca.DM(block.f.jac_sparsity(1, 1), 1).full() != 0
 
 
 @given(graphs(), st.data())
@@ -319,6 +326,9 @@ def test_matrices_and_vectors_cross_wires_and_partial_calls():
     more = make_block("more", "law", lambda x, u, p: ({}, {"Y": u["U"] + 1}), inputs=[whole],
                       outputs=[Output("1", shape=(2, 3)).named("Y")])  # fmt: skip
     both = connect("c", {"box.U": "more.Y", "more.U": "box.Y"}, box=box, more=more)
+    fed = connect("c", {"box.U": "more.Y"}, box=box, more=more)
+    np.testing.assert_array_equal(fed.dependence(), pattern_of_function(fed))
+    assert fed.dependence().any()
     wanted = [[11, 21, 31], [41, 51, 61]]
     for block in (both, every(both, 3)):
         n, y = block()

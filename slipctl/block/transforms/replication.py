@@ -85,12 +85,14 @@ def replicate(
     def rebuild(parts: dict[str, Block]) -> Block:
         return replicate(parts[block.name], n, shared, distinct, axis, spread)
 
-    return Block(
+    many = Block(
         block.name, block.kind, body, signals, period=block.period, sx=False,
         doc=f"{block.doc}\n\n{n} copies.", choices=block.choices | {"copies": n},
         conditions=block.conditions,
         composition=Composition.around(block, rebuild, own=frozenset(own)),
     )  # fmt: skip
+    many._made = block.of_equations(("copied", n, once, tuple(own)), dict)
+    return many
 
 
 def _spread(s: Signal, block: Block, n: int) -> Signal:
