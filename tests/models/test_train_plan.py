@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from slipctl import BadInput
 from slipctl.ccode.codegen import c_module
 from slipctl.ccode.compile import compilers
-from slipctl.models.vehicle import SlipLaw, TrainSlip
+from slipctl.models.vehicle import SlideProtection, SlipLaw, TrainSlip
 from slipctl.models.vehicle.control import vehicle_control
 from slipctl.models.vehicle.slip.train_plan import train_plan
 from slipctl.models.vehicle.slip.train_slip import NODES, train_slip
@@ -186,6 +186,15 @@ def test_a_train_has_one_plan_which_knows_what_the_file_believes(axles, learn):
     assert "reference.behind" not in values  # the plan knows the axles
     assert block.states["plan.value"].shape == (NODES.size, axles)
     assert ("rail.factor" in block.outputs) == learn
+
+
+def test_a_state_machine_beside_it_has_neither_plan_nor_field():
+    """The reference of the file is for those that follow one."""
+    made = train(4, reference=TrainSlip(plan=True, learn=True),
+                 controllers={"x": SlideProtection()})  # fmt: skip
+    parts = {n.partition(".")[0] for n in vehicle_control(made, made.controllers["x"]).params}
+    assert "machine" in parts
+    assert not parts & {"plan", "rail"}
 
 
 @pytest.mark.second
