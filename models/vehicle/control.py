@@ -94,7 +94,7 @@ from slipctl.models.vehicle.slip.takeover import (
 )
 from slipctl.models.vehicle.slip.train_reference import (
     axles_behind,
-    field_of_axles,
+    parts_of_train,
     parts_of_train_slip,
 )
 from slipctl.study.resolve import load_block
@@ -107,7 +107,7 @@ def numbers_of_each_axle(trip: Trip, part: Controller) -> dict[str, np.ndarray]:
     """Numbers of a controller of which each axle has its own, by name."""
     reference = getattr(part, "reference", None) or trip.reference
     if isinstance(reference, TrainSlip):
-        return {BEHIND: axles_behind(trip)}
+        return {} if reference.plan else {BEHIND: axles_behind(trip)}
     if isinstance(reference, SlipRatio) and len(reference.each) > 1:
         return {"reference.slip": np.array(reference.each)}
     return {}
@@ -254,7 +254,12 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     parts, wires = _controlled_axle(trip, part, w)
     driven = trip.vehicle.mode == "drive"
     _let_go(trip, parts, wires)
-    one = ("trust.v", "trust.demand", "trust.retry", "rail.factor")
+    reference = getattr(part, "reference", None) or trip.reference
+    of_train: dict[str, Block] = {}
+    if isinstance(reference, TrainSlip) and "reference" in parts:
+        of_train, more = parts_of_train(trip, reference)
+        wires |= more
+    one = ("trust.v", "trust.demand", "trust.retry", "rail.factor", "plan.rate")
     common = {k for k, source in wires.items() if source in one} | {"fall.a_R", "probe.limit"}
     each = numbers_of_each_axle(trip, part)
     copies = {
@@ -268,10 +273,7 @@ def vehicle_control(trip: Trip, part: Controller) -> Block:
     wires |= {
         "trust.v": "v", "trust.omega": "omega", "trust.T_b": "T", "trust.T_demand": "T_demand",
     }  # fmt: skip
-    reference = getattr(part, "reference", None) or trip.reference
-    if isinstance(reference, TrainSlip) and (reference.ahead or reference.learn):
-        copies["rail"] = field_of_axles(trip, reference)
-        wires |= {"rail.v": "trust.v", "rail.mu": "sample.mu", "rail.v_s": "sample.v_s"}
+    copies |= of_train
     if trip.control.let_go is not None:
         copies["turn"] = turns(axles).with_params(
             T_max=w.T_max, time=trip.control.let_go, every_=trip.control.let_go_every

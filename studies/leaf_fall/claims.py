@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from slipctl import Claim, Results
-from slipctl.studies.leaf_fall.errors import BIASES, CURVES, FACTORS, KNOWN, LEARNT
+from slipctl.studies.leaf_fall.errors import BIASES, CURVES, FACTORS, KNOWN, LEARNT, PLANNED
 from slipctl.studies.leaf_fall.experiments import LATE, REACH, REFERENCE
 from slipctl.studies.leaf_fall.trains import RIVALS
 
@@ -62,6 +62,27 @@ def longer_than_told(r: Results) -> float:
     """Share by which the law that learns the strength is longer than the one that is told, in %."""
     ways = stops_of(r, "medium", ("train", "train_ahead"))
     return 100 * (ways["train_ahead"] / ways["train"] - 1)
+
+
+def plan_longer(r: Results) -> float:
+    """Largest share by which the plan over all axles is longer than the law of each axle, in %."""
+    ways = [stops_of(r, s, ("train", "train_plan")) for s in SCENARIOS]
+    return 100 * max(w["train_plan"] / w["train"] - 1 for w in ways)
+
+
+def plan_longer_by_chance(r: Results) -> float:
+    """The same of the mean distances over leaves by chance."""
+    t = r.table("chance", "limits")
+    plan, law = (t.where("mean distance", loop=n) for n in ("train_plan", "train"))
+    return float(100 * (plan / law - 1))
+
+
+def plan_shorter_on_long_trains(r: Results) -> float:
+    """Share in % by which the plan is shorter, of the mean distances of trains of 16 axles."""
+    t = r.table("sizes")
+    rows = [k for k, n in enumerate(t["axles"]) if n == 16]
+    plan, law = (sum(t[n][k] for k in rows) for n in ("train_plan", "train"))
+    return float(100 * (1 - plan / law))
 
 
 def left_by_filling(scenario: str) -> Callable[[Results], float]:
@@ -190,6 +211,8 @@ CLAIMS = (
     Claim("not_told", OURS, "medium cleaning: it believes a third of the strength at the start, and"
           " stops longer than the law of the whole train that is told it by at most", "number", 1.0,
           longer_than_told, "%", bound="at most", scenario="medium"),
+    Claim("plan", OURS, "the plan over all axles stops longer than the law of each axle by at most",
+          "number", 1.0, plan_longer, "%", bound="at most"),
     Claim("air", OURS, "largest share of the reservoir's air that a stop takes", "number", 50.0,
           lambda r: 100 * (8.0 - min(float(r.metric(s, n, "air_left"))
                                      for s in SCENARIOS for n in RIVALS)) / 8.0, "%",
@@ -209,6 +232,11 @@ CLAIMS = (
           bound="at most"),
     Claim("strength_learnt", OURS, "the same where it is learnt from what axles find", "number",
           1.0, cost_of_error(*(n + LEARNT for n in FACTORS)), "%", bound="at most"),
+    Claim("strength_planned", OURS, "medium cleaning, a third of the strength believed: the law of"
+          " each axle stops longer than the plan over all axles", "order", "law > plan",
+          lambda r: {n: r.table("errors").where("stopping distance", cleaning="medium",
+                                                error="strength believed a third" + also)
+                     for n, also in (("law", ""), ("plan", PLANNED))}),
     Claim("curves", OURS, "curves of leaves or rail that are wrong: the same", "number", 3.0,
           cost_of_error(*CURVES), "%", bound="at most"),
     Claim("accelerometer", OURS, "another error of the accelerometer: the same", "number", 1.0,
@@ -218,6 +246,12 @@ CLAIMS = (
           2.0, lost_where_nothing, "%", bound="at most"),
     Claim("two_axles", OURS, "two axles have nothing to gain from each other: least distance"
           " against each axle's own best", "number", 3.0, two_axles, "%", bound="at most"),
+    Claim("plan_long", OURS, "16 axles: the plan over all axles stops shorter than the law of each"
+          " axle by at least, mean of four rails", "number", 0.5, plan_shorter_on_long_trains, "%",
+          bound="at least"),
+    Claim("plan_chance", OURS, "leaves by chance: the plan over all axles stops longer than the law"
+          " of each axle by at most, mean of the draws", "number", 0.0, plan_longer_by_chance, "%",
+          bound="at most"),
     Claim("chance", OURS, f"leaves by chance: draws within {REACH:g} m, the worst of the"
           " protections", "number", 50.0, least_share, "%", bound="at least"),
 )  # fmt: skip

@@ -28,6 +28,7 @@ BIASES = {"accelerometer reads .05 m/s^2 less": -0.05, "accelerometer reads .1 m
 """Errors of the accelerometer in m/s^2; it reads .05 more in all other runs."""
 
 LEARNT = ", and learnt"
+PLANNED = ", planned"
 TRUE = "the true speed"
 SMALLER = "slip of at most 20 %"
 KNOWN = "as it is"
@@ -49,6 +50,8 @@ def variants(tau: float) -> dict[str, Trip]:
         KNOWN: with_law(made),
         **{n: with_law(made, tau=k * tau) for n, k in FACTORS.items()},
         **{n + LEARNT: with_law(made, tau=k * tau, learn=True) for n, k in FACTORS.items()},
+        KNOWN + PLANNED: with_law(made, plan=True),
+        **{n + PLANNED: with_law(made, tau=k * tau, plan=True) for n, k in FACTORS.items()},
         **{n: with_law(made, **believed) for n, believed in CURVES.items()},
         **{n: with_law(replace(made, sensors=s)) for n, s in biased.items()},
         TRUE: with_law(trip(tau=tau, true_speed=True)),

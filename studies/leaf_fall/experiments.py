@@ -37,7 +37,7 @@ SIZES = (2, 4, 8, 16)
 LENGTHS = {"300 m": ((60.0, 360.0),), "everywhere": ()}
 """Places of leaves by their length; none named is everywhere."""
 
-SHORT = ("none", "wsp", "wsp_tuned", "common_slip", "own_slip", "train")
+SHORT = ("none", "wsp", "wsp_tuned", "common_slip", "own_slip", "train", "train_plan")
 """Rivals of the trains of other sizes: the others stop within metres of one of them."""
 
 DRAWS, FIRST = 12, 1001

@@ -41,10 +41,12 @@ def measured(made: Trip, name: str) -> Case:
 
 def _loop_that_knows(loops: Loops, name: str, tau: float) -> Block:
     """A loop whose law knows how strongly wheels clean, if it asks for that and does not learn."""
-    loop, strength = loops[name], "ctl.reference.strength"
-    knows = strength in loop.params and float(loop.params["ctl.reference.caution"].value) > 0
-    knows = knows and "ctl.rail.tau_0" not in loop.params
-    return loop.with_params(**{strength: tau}) if knows else loop
+    loop = loops[name]
+    for part in ("ctl.reference", "ctl.plan"):
+        caution = loop.params.get(f"{part}.caution")
+        if caution is not None and float(caution.value) > 0 and "ctl.rail.tau_0" not in loop.params:
+            return loop.with_params(**{f"{part}.strength": tau})
+    return loop
 
 
 def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:

@@ -83,11 +83,13 @@ RIVALS: Mapping[str, Controller] = {
     "common_slip": replace(PI, reference=SlipRatio(slip=LIMIT)),
     "own_slip": replace(STA, reference=TrainSlip(tau=0.0)),
     "train": replace(STA, reference=TrainSlip()),
+    "train_plan": replace(STA, reference=TrainSlip(plan=True)),
     "train_ahead": replace(STA, reference=TrainSlip(ahead=True, learn=True)),
 }
 """Who acts by the valves. The laws hold 15 %, ``common_slip`` the limit, ``best_slip`` what it
 finds to be best for each axle by itself. ``own_slip`` goes to each axle's own peak on the curves
 that it knows; ``train`` is the same law, and counts what an axle cleans for those behind it.
+``train_plan`` plans the slips of all axles together, by a program that is solved anew meanwhile.
 ``train_ahead`` also fills each brake before the leaves end, as leading axles have seen where, and
 learns how strongly wheels clean: on better rail too it begins with the weak strength."""
 

@@ -28,7 +28,7 @@ try:
 except BadInput:
     HAS_FUZZER = False
 
-LAWS = ("train", "train_ahead")
+LAWS = ("train", "train_plan", "train_ahead")
 
 
 @pytest.mark.skipif(not HAS_FUZZER, reason="no clang with libFuzzer here")

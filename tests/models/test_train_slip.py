@@ -169,6 +169,13 @@ def test_behind_valves_little_of_the_way_to_the_optimum_is_left(axles, tau, best
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(("tau", "believed"), [(1.8e-4, 1.8e-4), (1e-4, 1e-4 / 3)])
+def test_behind_valves_a_plan_over_the_axles_stops_no_later_than_the_law_of_each(tau, believed):
+    ways = [way(train(8, tau, controllers=law(plan=plan, tau=believed))) for plan in (True, False)]
+    assert ways[0] < 1.002 * ways[1]
+
+
+@pytest.mark.long
 @pytest.mark.parametrize(("axles", "floor"), [(3, 0.4), (4, 0.4)])
 def test_few_axles_never_stop_much_later_than_at_their_own_peaks(axles, floor):
     """tau = 0 believed is each axle's own peak, with the same estimate and valves."""

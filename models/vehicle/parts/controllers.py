@@ -90,6 +90,9 @@ class TrainSlip(Part):
     learn: bool = text_field(
         False, "whether the strength is learnt from what axles find behind others, within `within`"
     )
+    plan: bool = text_field(
+        False, "whether slips are planned over all axles, predictively, and not by each axle's law"
+    )
     condition: str = text_field("", "rail without the layer; none: that of the first section")
     layer: Mapping[str, float | str] = text_field(
         {}, "parameters of the curve under the layer that the controllers believe to be others"

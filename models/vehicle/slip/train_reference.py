@@ -12,6 +12,7 @@ from slipctl.models.vehicle.parts import Air, TrainSlip, Trip
 from slipctl.models.vehicle.plant import on_train
 from slipctl.models.vehicle.slip.fill_ahead import fill_ahead
 from slipctl.models.vehicle.slip.rail_seen import rail_seen
+from slipctl.models.vehicle.slip.train_plan import train_plan
 from slipctl.models.vehicle.slip.train_slip import train_slip
 from slipctl.models.wheel_rail.sliding_train import SlidingTrain
 from slipctl.models.wheel_rail.train_caution import cautious_share
@@ -53,6 +54,13 @@ def believed_train(trip: Trip, part: TrainSlip) -> SlidingTrain:
     )  # fmt: skip
 
 
+def counted_share(trip: Trip, part: TrainSlip) -> float:
+    """Share of the believed strength that a train counts on."""
+    if part.caution is not None:
+        return part.caution
+    return cautious_share(believed_train(trip, part), max(trip.vehicle.speed, 5.0), part.within)
+
+
 def train_reference(trip: Trip, part: TrainSlip) -> Block:
     """Slip reference of the axles of a trip; ``behind`` is each axle's own.
 
@@ -60,12 +68,40 @@ def train_reference(trip: Trip, part: TrainSlip) -> Block:
         Faults: as :func:`believed_curves`.
     """
     train = believed_train(trip, part)
-    caution = part.caution
-    if caution is None:
-        caution = cautious_share(train, max(trip.vehicle.speed, 5.0), part.within)
-    return train_slip(train.fouled, train.clean, learn=part.learn).with_params(
-        strength=train.tau, load=train.load, slip=part.slip, least=part.least, caution=caution,
+    block = train_slip(train.fouled, train.clean, learn=part.learn, plan=part.plan)
+    block = block.with_params(slip=part.slip, least=part.least)
+    if part.plan:
+        return block
+    return block.with_params(
+        strength=train.tau, load=train.load, caution=counted_share(trip, part)
     )  # fmt: skip
+
+
+def plan_of_axles(trip: Trip, part: TrainSlip) -> Block:
+    """Plan over the axles of a trip."""
+    train = believed_train(trip, part)
+    block = train_plan(train.fouled, train.clean, train.axles, learn=part.learn)
+    return block.with_params(
+        strength=train.tau, load=train.load, caution=counted_share(trip, part), slip=part.slip,
+        most=train.most,
+    )  # fmt: skip
+
+
+def parts_of_train(
+    trip: Trip, part: TrainSlip
+) -> tuple[dict[str, Block], dict[str, str]]:  # fmt: skip
+    """Parts that a train has once, for the slip references of all axles, and their wires."""
+    parts: dict[str, Block] = {}
+    wires: dict[str, str] = {}
+    if part.ahead or part.learn:
+        parts["rail"] = field_of_axles(trip, part)
+        wires |= {"rail.v": "trust.v", "rail.mu": "sample.mu", "rail.v_s": "sample.v_s"}
+    if part.plan:
+        parts["plan"] = plan_of_axles(trip, part)
+        wires["plan.v"] = "trust.v"
+    if part.learn:
+        wires["plan.factor" if part.plan else "reference.factor"] = "rail.factor"
+    return parts, wires
 
 
 def filling_rate(trip: Trip) -> float:
@@ -90,8 +126,8 @@ def parts_of_train_slip(
     """Parts of one axle that give its slip reference, their wires, and where the reference is."""
     parts = {"reference": train_reference(trip, part)}
     wires = {"reference.v": "trust.v", "reference.mu": "sample.mu", "reference.v_s": "sample.v_s"}
-    if part.learn:
-        wires["reference.factor"] = "rail.factor"
+    if part.plan:
+        wires |= {"reference.value": "plan.value", "reference.rate": "plan.rate"}
     if not part.ahead:
         return parts, wires, "reference.v_best"
     parts["fill"] = fill_ahead.with_params(

@@ -9,6 +9,9 @@ the axle finds: (1 - q) f_layer + q f_clean of two known curves. It learns q by 
 adhesion that it measures: least squares over the last T_f seconds. Where both curves are alike
 nothing is learnt, and q goes to 0. mu_d and mu_r are the peaks of both curves at this speed. c is
 caution: the share of a strength tau that can be counted on if it is known within a factor alone.
+
+With a plan the axle seeks the largest f(e) + V(q') instead. V is what the axles behind transmit on
+the share q' that it leaves, as :mod:`~slipctl.models.vehicle.slip.train_plan` finds it.
 """
 
 from __future__ import annotations
@@ -18,9 +21,11 @@ from dataclasses import replace
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from slipctl import Block, Input, Output, Param, State, make_block
 from slipctl.block.block import Exprs
+from slipctl.block.text.expression import interpolated
 from slipctl.models.common_form import ADDED, T_S
 
 POINTS = 25
@@ -28,6 +33,9 @@ POINTS = 25
 
 LEAST_RATIO = 1e-3
 """Smallest slip ratio that is looked at."""
+
+NODES = np.linspace(0.0, 1.0, 17)
+"""Shares of the clean curve at which a plan has its values."""
 
 NEARLY_ALIKE = 3e-3
 """Difference of both curves below which a sample says nothing of the share."""
@@ -57,7 +65,7 @@ def heights_of_curves(
     return low, high
 
 
-def train_slip(layer: Block, clean: Block, *, learn: bool = False) -> Block:
+def train_slip(layer: Block, clean: Block, *, learn: bool = False, plan: bool = False) -> Block:
     """Make the slip reference of an axle that cleans for those behind it.
 
     Args:
@@ -65,6 +73,7 @@ def train_slip(layer: Block, clean: Block, *, learn: bool = False) -> Block:
             ``v_s`` and ``v`` to ``mu``, traction positive.
         learn: take a ``factor`` on the strength too, as
             :func:`~slipctl.models.vehicle.slip.rail_seen.rail_seen` learns it.
+        plan: take ``value`` and ``rate`` of a plan in place of a strength and the axles behind.
 
     Returns:
         Step from ``v``, and ``mu`` and ``v_s`` measured in the same window, to ``v_best`` in m/s
@@ -84,7 +93,7 @@ def train_slip(layer: Block, clean: Block, *, learn: bool = False) -> Block:
         return (x["product"] + keep * (apart * (u["mu"] - low) - x["product"]),
                 x["square"] + keep * (apart * apart - x["square"]))  # fmt: skip
 
-    def best_ratio(p: Exprs, v: Any, share: Any, factor: Any) -> Any:
+    def best_ratio(u: Exprs, p: Exprs, v: Any, share: Any) -> Any:
         """Slip ratio of the largest worth."""
         root = [LEAST_RATIO**0.5 + k * (p["slip"] ** 0.5 - LEAST_RATIO**0.5) / (POINTS - 1)
                 for k in range(POINTS)]  # fmt: skip
@@ -93,12 +102,19 @@ def train_slip(layer: Block, clean: Block, *, learn: bool = False) -> Block:
             ca.mmax(ca.vertcat(*[r[0] for r in rows])),
             ca.mmax(ca.vertcat(*[r[1] for r in rows])),
         )
-        k = p["caution"] * p["strength"] * factor * p["load"] * ca.fmax(mu_r - mu_d, 0)
 
-        def worth(low: Any, high: Any, z: Any) -> Any:
+        def by_plan(low: Any, high: Any, z: Any) -> Any:
+            f = (1 - share) * low + share * high
+            left = (1 - share) * ca.exp(-u["rate"] * ca.fmax(f, 0) * z * z)
+            return f + interpolated(1 - left, NODES, u["value"])
+
+        def by_law(low: Any, high: Any, z: Any) -> Any:
+            factor = u["factor"] if learn else 1
+            k = p["caution"] * p["strength"] * factor * p["load"] * ca.fmax(mu_r - mu_d, 0)
             f = ca.fmax((1 - share) * low + share * high, 1e-4)
             return ca.log(f) + p["behind"] * k * ca.fmax(1 - f / mu_r, 0) * z * z
 
+        worth = by_plan if plan else by_law
         values = [worth(*row, z) for row, z in zip(rows, root, strict=True)]
         place, height = root[0], values[0]
         for z, value in zip(root[1:], values[1:], strict=True):
@@ -115,7 +131,7 @@ def train_slip(layer: Block, clean: Block, *, learn: bool = False) -> Block:
         v = ca.fmax(ca.fabs(u["v"]), 1.0)
         product, square = learnt(x, u, p, v)
         share = ca.fmin(ca.fmax(product / (square + NEARLY_ALIKE**2), 0), 1)
-        e = best_ratio(p, v, share, u["factor"] if learn else 1)
+        e = best_ratio(u, p, v, share)
         e = ca.if_else(x["begun"] > 0.5, x["e"] + ca.fmin(p["T"] / p["T_e"], 1) * (e - x["e"]), e)
         return (
             dict(product=product, square=square, e=e, begun=1),
@@ -126,18 +142,33 @@ def train_slip(layer: Block, clean: Block, *, learn: bool = False) -> Block:
         "reference",
         "step",
         body,
-        **_signals(known, learn),
+        **_signals(known, learn, plan),
         doc=__doc__ or "",
     )
 
 
-def _signals(known: list[dict[str, Param]], learn: bool) -> dict[str, list[Any]]:
+def _signals(known: list[dict[str, Param]], learn: bool, plan: bool) -> dict[str, list[Any]]:
     """Signals of the reference by role.
 
     Args:
         known: numbers of both curves. learn: whether the strength has a factor.
+        plan: whether a plan stands for all that is known of the axles behind.
     """
     factor = Input("1", "factor on the strength, as it is learnt").named("factor")
+    of_plan = [
+        Input("1", "adhesions of those behind, over the share that it leaves",
+              shape=NODES.shape).named("value"),
+        Input("1", "by what cleaning takes the share down, over adhesion and slip ratio").named(
+            "rate"),
+    ]  # fmt: skip
+    of_law = [
+        Param("1", 0.0, "braked axles behind this one", ADDED, lo=0, hi=31).named("behind"),
+        Param("m/J", 1e-4, "strength of the cleaning, as believed", "of the trip", lo=0,
+              hi=1).named("strength"),
+        Param("1", 1.0, "share of it that is counted on", "of the trip", lo=0,
+              hi=1).named("caution"),
+        Param("N", 6e4, "load of a wheel", ADDED, lo=500, hi=5e5).named("load"),
+    ]  # fmt: skip
     return dict(
         states=[
             State("1", 0.0, "product of what was measured and the difference of both curves",
@@ -150,15 +181,10 @@ def _signals(known: list[dict[str, Param]], learn: bool) -> dict[str, list[Any]]
             Input("m/s", "vehicle speed that is believed").named("v"),
             Input("1", "mean adhesion over a window", positive="braking").named("mu"),
             Input("m/s", "mean slip speed over it", positive="braking", per="speed").named("v_s"),
-            *([factor] if learn else []),
+            *(of_plan if plan else [factor] if learn else []),
         ],
         params=[
-            Param("1", 0.0, "braked axles behind this one", ADDED, lo=0, hi=31).named("behind"),
-            Param("m/J", 1e-4, "strength of the cleaning, as believed", "of the trip", lo=0,
-                  hi=1).named("strength"),
-            Param("1", 1.0, "share of it that is counted on", "of the trip", lo=0,
-                  hi=1).named("caution"),
-            Param("N", 6e4, "load of a wheel", ADDED, lo=500, hi=5e5).named("load"),
+            *([] if plan else of_law),
             Param("1", 0.3, "largest slip over speed", "of the trip", lo=0.02,
                   hi=0.9).named("slip"),
             Param("m/s", 0.2, "slip that it does not fall below", "of the trip", lo=0.01,
