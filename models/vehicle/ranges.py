@@ -47,6 +47,9 @@ FASTEST = 1e3
 FAR_OFF = 1e6
 """End of a range that has none of its own."""
 
+STEEP = 1e9
+"""Largest height of a law: that of Huang 2020 comes to 4e6 half a metre per second below 0."""
+
 SURE = 8.0
 """Standard deviations that a noise never leaves."""
 
@@ -137,9 +140,9 @@ def height_of(
     try:
         ends = enclose(Function("curve", [x], [y["mu"]]), box[:, :1], box[:, 1:])
     except BadInput:
-        return -FAR_OFF, FAR_OFF
+        return -STEEP, STEEP
     least, most = (float(e[0, 0]) for e in ends)
-    return max(min(least, -2.0), -FAR_OFF), min(max(most, 2.0), FAR_OFF)
+    return max(min(least, -2.0), -STEEP), min(max(most, 2.0), STEEP)
 
 
 def searched_ranges(
@@ -164,6 +167,9 @@ def searched_ranges(
         "scatter": (0, (most + 2 * MEASURED) ** 2, why),
     }
     rows |= {f"held_{n}": row for n, row in rows.items()}
+    rows |= {f"{n}_then": rows[n] for n in ("predicted", "residual")}
+    window = estimator.states["kept"].shape[1]
+    rows["squares"] = (0, window * (most + MEASURED) ** 2, "its window of the largest residuals")
     told = {n: (curve.params[n].lo, curve.params[n].hi) for n in begin}
     ends = (*height_of(curve, told, (0.0, 20.0)), why)
     force = max(map(abs, height_of(curve, told, (0.0, FASTEST))))
@@ -247,7 +253,8 @@ def derived_of_inputs(trip: Trip) -> dict[str, tuple[str, list[str]]]:
     # of brakes that it is not told, and of a speed that is the wheels' own, it cannot know
     if not (vehicle.track_brake or vehicle.dynamic_brake or trip.sensors.of_wheels):
         found["pace"] = ("2 * v_error + 2 * r * noise + 0.5 * one('m/s')", ["trust.pace"])
-    found["least"] = ("min(v_error - 0.1 * one('m/s'), 5 * one('m/s'))", ["reference.least"])
+    found["standstill"] = ("min(v_error - 0.1 * one('m/s'), 5 * one('m/s'))",
+                           ["reference.standstill"])  # fmt: skip
     if trip.control.demand_lost == "largest" or (trip.control.demand_lost == "" and not driven):
         found["lost"] = ("1 * T_max", ["trust.lost"])
     return found

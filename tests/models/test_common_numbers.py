@@ -88,7 +88,7 @@ def test_limits_of_the_samples_follow_mass_and_sensor():
         assert heavy[f"resist_{k}"] == pytest.approx(force / 76e3, rel=1e-12)
     vague = made.with_params(v_error=as_is["v_error"] + 0.2).param_values()
     np.testing.assert_allclose(np.subtract(vague["pace"], as_is["pace"]), 0.4, rtol=1e-9)
-    assert vague["least"] - as_is["least"] == pytest.approx(0.2)
+    assert vague["standstill"] - as_is["standstill"] == pytest.approx(0.2)
     worn = made.with_params(r=[0.42, 0.42, 0.42, 0.40]).param_values()["noise"]
     # but for 0.1 rad/s it is the time of an edge by speed: as the square of the turning
     assert np.diff(np.ravel(worn))[:2] == pytest.approx(0)

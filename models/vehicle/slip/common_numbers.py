@@ -27,7 +27,7 @@ MOVED = ("law.m", "fall.m", "trust.m")
 
 
 ALIKE = {"wake.v_off": "v_off", "safe.v_off": "v_off", "trust.fastest": "fastest",
-         "trust.gate": "v_error"}  # fmt: skip
+         "trust.gate": "v_error", "trust.noise": "noise"}  # fmt: skip
 """Other numbers, by the place of each, and the name that they have together."""
 
 
@@ -52,13 +52,16 @@ def common_numbers(trip: Trip, parts: Mapping[str, Block]) -> dict[str, list[str
     A radius of all axles together is left apart: each axle has its own.
     """
     found: dict[str, list[str]] = {
-        n: [] for n in (*WHEEL, "m", "period", "v_off", "v_start", "fastest", "v_error")
+        n: [] for n in (*WHEEL, "m", "period", "v_off", "v_start", *ALIKE.values())
     }
+    follows = derived_of_inputs(trip)
     for part, block in parts.items():
         for name, s in block.params.items():
             last = name.rpartition(".")[2]
             place = f"{part}.{name}"
             if s.derived or part == "estimator" or place == "law.law.lead":
+                continue
+            if ALIKE.get(place) in follows:
                 continue
             if is_period(name, block):
                 found["period"].append(place)
@@ -86,7 +89,7 @@ def common_numbers(trip: Trip, parts: Mapping[str, Block]) -> dict[str, list[str
              if not s.derived}  # fmt: skip
     return shares | {
         f"{name} = {text}": places
-        for name, (text, wanted) in derived_of_inputs(trip).items()
+        for name, (text, wanted) in follows.items()
         if (places := [p for p in wanted if p in known])
     }
 
