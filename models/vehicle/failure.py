@@ -196,7 +196,7 @@ def trust(axles: int, driven: bool) -> Block:
         command ``T_cmd`` to what is believed of them, and to how it is with each.
     """
     turn = -1 if driven else 1
-    of_axle, of_speed, of_train = axle_signals(axles), speed_signals(), _train_signals()
+    of_axle, of_speed, of_train = axle_signals(axles), speed_signals(axles), _train_signals()
 
     def judging(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         s = {**p, **x, **u}

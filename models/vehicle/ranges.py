@@ -8,12 +8,13 @@ neither. A law of the user's own keeps the ranges that it declares.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import log, pi, sqrt
+from math import log, pi
 
 import numpy as np
 from casadi import SX, Function, vertsplit
 
 from slipctl import BadInput, Block
+from slipctl.block.text.named_expressions import evaluate
 from slipctl.certify.arithmetic.enclosure import enclose
 from slipctl.models.common_form import T_S, Wheel
 from slipctl.models.ranges import FLAG, of_those
@@ -29,7 +30,6 @@ from slipctl.models.vehicle.measurement.axle_samples import (
 from slipctl.models.vehicle.measurement.believed_speed import DRAG
 from slipctl.models.vehicle.parts import (
     Air,
-    Exact,
     Lag,
     NoisySpeed,
     NoisyWheel,
@@ -46,6 +46,9 @@ FASTEST = 1e3
 
 FAR_OFF = 1e6
 """End of a range that has none of its own."""
+
+STEEP = 1e9
+"""Largest height of a law: that of Huang 2020 comes to 4e6 half a metre per second below 0."""
 
 SURE = 8.0
 """Standard deviations that a noise never leaves."""
@@ -137,9 +140,9 @@ def height_of(
     try:
         ends = enclose(Function("curve", [x], [y["mu"]]), box[:, :1], box[:, 1:])
     except BadInput:
-        return -FAR_OFF, FAR_OFF
+        return -STEEP, STEEP
     least, most = (float(e[0, 0]) for e in ends)
-    return max(min(least, -2.0), -FAR_OFF), min(max(most, 2.0), FAR_OFF)
+    return max(min(least, -2.0), -STEEP), min(max(most, 2.0), STEEP)
 
 
 def searched_ranges(
@@ -164,6 +167,9 @@ def searched_ranges(
         "scatter": (0, (most + 2 * MEASURED) ** 2, why),
     }
     rows |= {f"held_{n}": row for n, row in rows.items()}
+    rows |= {f"{n}_then": rows[n] for n in ("predicted", "residual")}
+    window = estimator.states["kept"].shape[1]
+    rows["squares"] = (0, window * (most + MEASURED) ** 2, "its window of the largest residuals")
     told = {n: (curve.params[n].lo, curve.params[n].hi) for n in begin}
     ends = (*height_of(curve, told, (0.0, 20.0)), why)
     force = max(map(abs, height_of(curve, told, (0.0, FASTEST))))
@@ -177,61 +183,43 @@ def searched_ranges(
 def of_inputs(trip: Trip, w: Wheel) -> dict[str, float]:
     """Numbers by which the inputs of a vehicle's control are judged; see ``failure.trust``.
 
-    A tooth wheel tells a speed at an edge, at the latest when the wheel has turned by a tooth. From
-    rest it has sqrt(2 alpha 2 pi/N) by then.
+    Those of :func:`derived_of_inputs` have the value of their expression for the file's wheel.
     """
-    vehicle, act, of = trip.vehicle, trip.actuator, trip.sensors.vehicle_speed
-    fastest = max(120.0, 1.5 * vehicle.speed)
-    noise, slow = _of_wheel_sensor(trip, w)
-    gate, unseen = 0.15, 0.1
-    if isinstance(of, NoisySpeed):
-        unseen += of.step + _lost(of) * 3.0 * T_S
-        gate += 5 * of.deviation + unseen - 0.1
-    elif trip.sensors.of_wheels:
-        gate += w.r * noise
-    lag = 0.0 if isinstance(act, Air) else act.longest_lag  # of air the bits explain the torque
-    full = act.torque / act.rate if isinstance(act, Lag) and act.rate else 0.0
-    lost: float = {"": w.T_max if vehicle.mode == "brake" else 0.0, "largest": w.T_max}.get(
-        trip.control.demand_lost,
-        0.0,  # type: ignore[arg-type]
-    )
-    if trip.control.demand_lost not in ("", "largest"):
-        lost = float(torque_of(trip.control.demand_lost))
-    # of brakes that it is not told, and of a speed that is the wheels' own, it cannot know
-    alone = not (vehicle.track_brake or vehicle.dynamic_brake or trip.sensors.of_wheels)
-    drag = (force / vehicle.total for force in vehicle.resistance.of(vehicle.total))
-    return {
-        **dict(zip(("resist_0", "resist_1", "resist_2"), drag, strict=True)),
-        "pace": 2 * min(gate, 50.0) + 2 * w.r * noise + 0.5 if alone else NEVER,
-        "fastest": fastest, "most": 1.5 * fastest / w.r, "gate": min(gate, 50.0), "noise": noise,
-        "noise_slow": slow, "slow": 2 * slow, "unseen": unseen,
-        "react": min(0.3 + 1.2 * lag + act.dead_time + full, 10.0), "lost": lost,
-        "limit": trip.control.release_train,
-        "v_start": vehicle.speed,
-        "omega_start": vehicle.speed / w.r,
+    vehicle, of = trip.vehicle, trip.sensors.vehicle_speed
+    found = {
+        "fastest": max(120.0, 1.5 * vehicle.speed), "noise": _constant_noise(trip), "gate": 0.15,
+        "noise_slow": 0.0, "slow": 0.0, "unseen": 0.1, "pace": NEVER, "lost": 0.0,
+        "react": min(0.3 + trip.actuator.dead_time, 10.0),
+        "limit": trip.control.release_train, "v_start": vehicle.speed,
     }  # fmt: skip
-
-
-def _of_wheel_sensor(trip: Trip, w: Wheel) -> tuple[float, float]:
-    """What a wheel's sensor may be off by in rad/s, and how much more where the wheel is slow."""
-    alpha = 2 * (w.T_max + w.W * w.g * w.r) / w.J
-    part = trip.sensors.wheel_speed
-    if isinstance(part, NoisyWheel):
-        return 0.1 + _noise(part, alpha * T_S), 0.0
-    if isinstance(part, ToothWheel):
-        tooth, usual = 2 * pi / part.teeth, 1.2 * max(trip.vehicle.speed, 1.0) / w.r
-        noise = 0.1 + usual**2 / tooth * (SURE * part.jitter + 2 * part.clock)
-        return noise, sqrt(2 * alpha * tooth)
-    assert isinstance(part, Exact)
-    return 0.1, 0.0
+    if isinstance(of, NoisySpeed):
+        found["unseen"] += of.step + _lost(of) * 3.0 * T_S
+        found["gate"] = min(0.15 + (5 * of.deviation + found["unseen"] - 0.1), 50.0)
+    if trip.control.demand_lost not in ("", "largest"):
+        found["lost"] = float(torque_of(trip.control.demand_lost))
+    known = {"r": w.r, "J": w.J, "g": w.g, "tau": w.tau, "T_max": w.T_max, "m_axle": w.W,
+             "m": w.m, "v_error": found["gate"], **found}  # fmt: skip
+    for name, (text, places) in derived_of_inputs(trip).items():
+        known[name] = float(evaluate(text, known, name))
+        if f"trust.{name}" in places:
+            found[name] = known[name]
+    if trip.sensors.of_wheels:
+        found["gate"] = min(0.15 + w.r * found["noise"], 50.0)
+    return found
 
 
 def derived_of_inputs(trip: Trip) -> dict[str, tuple[str, list[str]]]:
     """Expressions of those numbers of :func:`of_inputs` that follow from others, and their places.
 
-    So they follow where radius, inertia, load or largest torque are tuned in C.
+    So they follow where radius, inertia, load, lag or largest torque are tuned in C; each is behind
+    those that it needs. A tooth wheel tells a speed at an edge, at the latest when the wheel has
+    turned by a tooth. From rest it has sqrt(2 alpha 2 pi/N) by then. A speed that is found from the
+    wheels is off by what theirs are. That is one number for radii that differ, so it is the file's
+    and cannot be tuned.
     """
-    driven, part = trip.vehicle.mode == "drive", trip.sensors.wheel_speed
+    vehicle, act = trip.vehicle, trip.actuator
+    driven, part = vehicle.mode == "drive", trip.sensors.wheel_speed
+    alpha = "2 * (T_max + m_axle * g * r) / J"
     turned = ["meter.omega_start"]
     found = {
         "omega_start": ("v_start / r", ["trust.omega_start", *turned * (not driven)]),
@@ -239,19 +227,43 @@ def derived_of_inputs(trip: Trip) -> dict[str, tuple[str, list[str]]]:
     }
     if driven:
         found["omega_seen"] = ("-1 * v_start / r", turned)
+    if isinstance(part, NoisyWheel) and part.dropout > 0:
+        still = SURE * part.deviation + part.step
+        more = f"{_lost(part) * T_S!r} * one('s') * {alpha}"
+        found["noise"] = (f"(0.1 + {still!r}) * one('rad/s') + {more}", ["trust.noise"])
     if isinstance(part, ToothWheel):
-        alpha = "2 * (T_max + m_axle * g * r) / J"
-        found["noise_slow"] = (f"sqrt(2 * ({alpha}) * {2 * pi / part.teeth!r})",
-                               ["trust.noise_slow"])  # fmt: skip
+        tooth, of_edge = 2 * pi / part.teeth, SURE * part.jitter + 2 * part.clock
+        usual = "1.2 * max(v_start, one('m/s')) / r"
+        found["noise"] = (f"0.1 * one('rad/s') + ({usual})**2 / {tooth!r} * {of_edge!r} * one('s')",
+                          ["trust.noise"])  # fmt: skip
+        found["noise_slow"] = (f"sqrt(2 * ({alpha}) * {tooth!r})", ["trust.noise_slow"])
         found["slow"] = ("2 * noise_slow", ["trust.slow"])
+    if not isinstance(act, Air):  # of air the bits explain the torque
+        lag, full = f"{1.2 * act.longest_lag / act.usual_lag!r} * tau", ""
+        if isinstance(act, Lag) and act.rate:
+            full = f" + T_max / ({act.rate!r} * one('N m/s'))"
+        found["react"] = (f"min(0.3 * one('s') + {lag} + {act.dead_time!r} * one('s'){full},"
+                          " 10 * one('s'))", ["trust.react"])  # fmt: skip
+    fixed, with_one = vehicle.resistance.of(0.0), vehicle.resistance.of(1.0)  # of so many kg
+    units = (("N", "m/s^2"), ("N s/m", "1/s"), ("N s^2/m^2", "1/m"))
+    for k, (force, more, (unit, by_mass)) in enumerate(zip(fixed, with_one, units, strict=True)):
+        text = (f"{more - force!r} * one('{by_mass}')"
+                f" + {force!r} * one('{unit}') / ({len(vehicle.worked)} * m)")  # fmt: skip
+        found[f"resist_{k}"] = (text, [f"trust.resist_{k}"])
+    # of brakes that it is not told, and of a speed that is the wheels' own, it cannot know
+    if not (vehicle.track_brake or vehicle.dynamic_brake or trip.sensors.of_wheels):
+        found["pace"] = ("2 * v_error + 2 * r * noise + 0.5 * one('m/s')", ["trust.pace"])
+    found["standstill"] = ("min(v_error - 0.1 * one('m/s'), 5 * one('m/s'))",
+                           ["reference.standstill"])  # fmt: skip
     if trip.control.demand_lost == "largest" or (trip.control.demand_lost == "" and not driven):
         found["lost"] = ("1 * T_max", ["trust.lost"])
     return found
 
 
-def _noise(part: NoisyWheel, change: float) -> float:
-    """Of a sensor with noise and steps, which loses samples."""
-    return SURE * part.deviation + part.step + _lost(part) * change
+def _constant_noise(trip: Trip) -> float:
+    """What a wheel's sensor may be off by in rad/s, where that follows from nothing else."""
+    part = trip.sensors.wheel_speed
+    return 0.1 + (SURE * part.deviation + part.step if isinstance(part, NoisyWheel) else 0.0)
 
 
 def _lost(part: NoisyWheel | NoisySpeed) -> float:

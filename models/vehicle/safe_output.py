@@ -148,13 +148,13 @@ def reference_with_floor(peak: float, noise: float) -> Block:
     def reference(
         searched=Input("m/s", "slip to go to, as searched", positive="braking", per="speed"),
         v=Input("m/s", "vehicle speed that is believed"),
-        least=Param("m/s", min(noise, 5.0), "floor at standstill", ADDED, lo=0, hi=10),
+        standstill=Param("m/s", min(noise, 5.0), "floor at standstill", ADDED, lo=0, hi=10),
         share=Param("1", 0.045, "share of the speed that it has besides", ADDED, lo=0, hi=0.5),
         most=Param("m/s", 0.85 * peak, "the floor is not above it", "below the law's own peak",
                    lo=0.001, hi=20),
     ):  # fmt: skip
         """The searched slip, and not less than what speeds may be off by."""
-        return fmax(searched, fmin(least + share * fabs(v), most))
+        return fmax(searched, fmin(standstill + share * fabs(v), most))
 
     return reference
 

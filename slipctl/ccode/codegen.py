@@ -217,7 +217,7 @@ def _produce(
         if replay:
             tried = trials if real == "float" else None
             run = expected_outputs.with_limits(plan, run, used_params, tried)
-            data |= compare(plan, made, used, run, dict(params or {}))
+            data |= compare(plan, made, used, run, dict(params or {}), checks.closed_loop)
         data["targets"] = [f.result() for f in on_boards]
     for t in data["targets"]:
         if checks.clock is not None and "instructions" in t:

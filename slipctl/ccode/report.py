@@ -11,7 +11,7 @@ from slipctl.ccode.check.processor import load
 from slipctl.ccode.check.proof import module_proof
 from slipctl.ccode.check.vectors import expected_outputs, search
 from slipctl.ccode.compile.module import CModule
-from slipctl.ccode.ship.readable import vectors_said
+from slipctl.ccode.ship.readable import closed_loop_said, vectors_said
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,8 @@ class Report:
         """What is wrong, each by what it is: a difference, findings, a crash, time, no proof."""
         d = self.data
         found = ["the C differs from Python"] * (not d.get("passed", True))
+        if not d.get("closed_loop", {}).get("passed", True):
+            found.append("its closed loop differs from Python's")
         found += [f"its test fails on {t['target']}" for t in d["targets"] if not t["passed"]]
         if "analysis" in d and not d["analysis"]["passed"]:
             broken = ", ".join(d["analysis"]["required"]) or "cppcheck has errors or warnings"
@@ -74,6 +76,8 @@ class Report:
                 f" {largest:.3g} of the largest value ({of}){left}:"
                 f" {'passed' if d['passed'] else 'FAILED'}"
             )
+            if d["real"] == "float":
+                lines.append(f"  {closed_loop_said(d.get('closed_loop'), d['name'])}")
             lines.append(f"  {coverage.summary(d['coverage'])}")
         for t in d["targets"]:
             size_, stack = t["bytes"] or {}, t["stack"] or {}

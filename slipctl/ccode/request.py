@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from slipctl.ccode.check import analysis, fuzz
 from slipctl.ccode.check.proof import module_proof
 from slipctl.ccode.compile import targets
+from slipctl.ccode.compile.module import CModule
 from slipctl.errors import BadInput
 
 
@@ -69,6 +71,8 @@ class Checks:
             and output stays in its range, for any inputs and any number of ticks.
         search_seconds: look so long for inputs that reach what the test does not, and go on with
             them behind the run (:mod:`slipctl.ccode.check.vectors.search`).
+        closed_loop: with ``check`` and ``real="float"``, what runs the module in the loop that its
+            block is of (:func:`slipctl.study.processor.closed_loop`).
     """
 
     check: bool = False
@@ -78,6 +82,7 @@ class Checks:
     clock: float | None = None
     prove: bool = False
     search_seconds: int = 0
+    closed_loop: Callable[[CModule, Mapping[str, Any]], dict[str, Any]] | None = None
 
     @property
     def boards(self) -> list[str]:

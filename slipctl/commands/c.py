@@ -13,6 +13,7 @@ from slipctl.ccode.check.vectors import search
 from slipctl.ccode.check.vectors.vector_file import read_vectors
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import build, store
+from slipctl.study import processor
 from slipctl.study.files import trip_files
 from slipctl.study.request import Request
 
@@ -81,6 +82,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
             log.info("running %s for its inputs", name)
             ticks = None if options.check else codegen.KEPT
             inputs, params = codegen.record_part(loop, part, case.scenario, ticks)
+            if options.check and options.real == "float":
+                wanted["closed_loop"] = processor.closed_loop(asked, part)
         report = codegen.export(
             runs.block, out,
             options.module or "_".join([study.name, asked.loop, *words]),

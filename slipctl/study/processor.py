@@ -15,11 +15,11 @@ from slipctl.block.block import Block
 from slipctl.block.transforms.discretisation import runs_of_part
 from slipctl.ccode import codegen
 from slipctl.ccode.check.processor import load
-from slipctl.ccode.check.processor.in_loop import FAULTS, Stored, run_in_loop
+from slipctl.ccode.check.processor.in_loop import FAULTS, Board, HostModule, Stored, run_in_loop
 from slipctl.ccode.check.processor.rig import Rig
 from slipctl.ccode.check.vectors.expected_outputs import accepted_rows
 from slipctl.ccode.compile import targets
-from slipctl.ccode.compile.module import input_rows
+from slipctl.ccode.compile.module import CModule, input_rows
 from slipctl.ccode.module.header import bit
 from slipctl.ccode.module.plan import Plan
 from slipctl.errors import BadInput
@@ -159,6 +159,64 @@ def compare(
     return Comparison(data)
 
 
+def closed_loop(
+    asked: Request, part: str
+) -> Callable[[CModule, Mapping[str, Any]], dict[str, Any]]:
+    """What runs a float module of a part with the rest of its loop, beside the run in Python.
+
+    Args:
+        asked: names the loop.
+        part: path of the part in it.
+
+    Returns:
+        Function of the loaded module and its parameters. It gives ``commands``: the largest
+        difference of each output that a wire leads on, with its element, its tick and the largest
+        value; ``metrics`` of both runs, those that differ, and whether it ``passed``. A metric may
+        differ by 1 %, or by twice what it moves by in the module's own runs with the other float
+        beside each input; these are made where one differs by more than 1 %.
+    """
+    study, (loop, case) = asked.study, asked.chosen
+
+    def compared(module: CModule, params: Mapping[str, Any]) -> dict[str, Any]:
+        def board(seed: int | None) -> HostModule:
+            return HostModule(module.reset(**params), seed)
+
+        python = simulate(loop, case.scenario, log=[*loop.inputs, *loop.outputs, *loop.states])
+        got = run_in_loop(loop, part, case.scenario, board(None)).data
+        wires = loop.wires.values()
+        outputs = [n for n in loop[part].outputs if f"{part}.{n}" in wires and f"{part}.{n}" in got]
+        metrics, here = _metrics(study, case, python), _metrics(study, case, got)
+        moved: dict[str, float] = {}
+        if not all(_close(m, here.get(n), 0.0) for n, m in metrics.items()):
+            moved = _moved(study, case, loop, part, here, lambda what, share: None, ROUNDINGS[1:],
+                           board)  # fmt: skip
+        differ = [n for n, m in metrics.items() if not _close(m, here.get(n), moved.get(n, 0.0))]
+        return {
+            "ticks": min(len(python["time"]), len(got["time"])),
+            "period": loop.period,
+            "commands": {n: _farthest(python, got, f"{part}.{n}") for n in outputs},
+            "metrics": {n: (m, here.get(n)) for n, m in metrics.items()},
+            "metrics_move": moved,
+            "metrics_differ": differ,
+            "passed": not differ,
+        }
+
+    return compared
+
+
+def _farthest(python: Any, got: Any, name: str) -> dict[str, Any]:
+    """Largest difference of a signal while both runs last: how much, where, and when."""
+    wanted, here = (d[name].values.reshape(len(d["time"]), -1) for d in (python, got))
+    ticks = min(len(wanted), len(here))
+    apart = np.abs(wanted[:ticks] - here[:ticks])
+    tick, element = np.unravel_index(int(np.argmax(apart)), apart.shape)
+    return {
+        "absolute": float(apart[tick, element]), "largest": float(np.abs(wanted).max()),
+        "element": int(element) if python[name].ndim > 1 else None, "tick": int(tick),
+        "unit": python[name].attrs.get("units", ""),
+    }  # fmt: skip
+
+
 def _counted(steps: Sequence[int]) -> dict[str, Any]:
     """Instructions of a step: the mean, the most, and in which tick."""
     worst = int(np.argmax(steps))
@@ -230,7 +288,9 @@ def _judged(
     pairs = {n: (m, here.get(n)) for n, m in metrics.items()}
     moved = {}
     if real == "float" and not faults:
-        moved = _moved(study, case, loop, part, params, metrics, report)
+        block = runs_of_part(loop, part).block
+        moved = _moved(study, case, loop, part, metrics, report, ROUNDINGS,
+                       lambda seed: Stored(block, params, seed))  # fmt: skip
     differ = [n for n, (a, b) in pairs.items() if not _close(a, b, moved.get(n, 0.0))]
     expected = _told(_statuses(loop, part, python), faults)
     numbers, counts = np.unique(got.status[got.status != 0], return_counts=True)
@@ -275,20 +335,15 @@ def _metrics(study: Study, case: Case, data: Any) -> dict[str, float | None]:
 
 
 def _moved(
-    study: Study, case: Case, loop: Block, part: str, params: Mapping[str, Any],
-    wanted: Mapping[str, float | None], report: Callable[[str, float], object],
+    study: Study, case: Case, loop: Block, part: str, wanted: Mapping[str, float | None],
+    report: Callable[[str, float], object], seeds: Sequence[int | None],
+    board: Callable[[int | None], Board],
 ) -> dict[str, float]:  # fmt: skip
-    """Largest change of each metric where the controller in double keeps its numbers as floats."""
+    """Largest change of each metric where numbers of the controller are kept as floats."""
     found = dict.fromkeys(wanted, 0.0)
-    for seed in ROUNDINGS:
+    for seed in seeds:
         how = "floats to nearest" if seed is None else f"floats at random, seed {seed}"
-        got = run_in_loop(
-            loop,
-            part,
-            case.scenario,
-            Stored(runs_of_part(loop, part).block, params, seed),
-            report=partial(report, how),
-        )
+        got = run_in_loop(loop, part, case.scenario, board(seed), report=partial(report, how))
         again = _metrics(study, case, got.data)
         for n, value in wanted.items():
             other = again.get(n)

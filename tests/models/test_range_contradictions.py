@@ -74,6 +74,25 @@ def test_no_law_of_any_controller_contradicts_what_feeds_it(kind):
     assert contradictions(control_of(len(kind), kind)) == {}
 
 
+def test_an_estimate_at_its_farthest_refuses_no_sample():
+    """Half a metre per second below zero the law of the metro car comes to 3.5e6 there: the guards
+    of the C take every state of the fit in hand, and of the one that holds."""
+    control = control_of(0, "pid")
+    one = inner_of(control.parts["estimator"])
+    values = {n: ca.DM(v) for n, v in one.param_values().items()}
+    start = one.start()
+    far = np.asarray(one.states["theta"].value) + float(values["farthest"]) * np.array([1, 1, 1])
+    inputs = {n: ca.DM(0.0) for n in one.inputs} | {"v_s": ca.DM(-0.5), "mu": ca.DM(-2.0)}
+    x = one.pack("state", start | {"theta": far})
+    x, _ = one.f(x, one.pack("input", inputs), one.pack("param", values))
+    after = one.unpack("state", x)
+    assert abs(float(after["predicted_then"])) > 1e6
+    for n in one.states:
+        declared = control.states[f"estimator.{n}"]
+        assert declared.lo <= float(ca.mmin(after[n])), n
+        assert float(ca.mmax(after[n])) <= declared.hi, n
+
+
 def test_a_range_that_is_too_narrow_is_found():
     """The curve may be five, and a range of two refused healthy samples."""
     control = control_of(0, "pid")

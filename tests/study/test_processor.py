@@ -11,10 +11,13 @@ import pytest
 import toy_study
 
 from slipctl import BadInput
+from slipctl.ccode import codegen
 from slipctl.ccode.check.processor.rig import BROKEN, LATE, LOST
 from slipctl.ccode.check.vectors.expected_outputs import start_state
+from slipctl.ccode.ship.readable import closed_loop_said
 from slipctl.run import store
 from slipctl.study import processor
+from slipctl.study.request import Request
 
 
 class Board:
@@ -123,3 +126,50 @@ def test_what_cannot_happen_is_refused(compare, more, said):
         compare(**more)
     if "faults" in more:
         assert compare(faults=["398=late"]).data["status"] == {LATE: 1}
+
+
+@pytest.fixture(scope="module")
+def float_loop(tmp_path_factory):
+    """A loop, its controller in float C, and the two compared."""
+    asked = Request.read(f"{toy_study.__file__}:soft").needs_loop()
+    loop, case = asked.chosen
+    params = codegen.record_part(loop, "ctl", case.scenario, 1)[1]
+    module = codegen.c_module(loop["ctl"], tmp_path_factory.mktemp("c"), real="float").compile()
+    return processor.closed_loop(asked, "ctl"), module.load(), params
+
+
+def test_float_c_in_its_loop_stays_within_rounding(float_loop):
+    compared, module, params = float_loop
+    found = compared(module, params)
+    assert found["passed"]
+    assert not found["metrics_move"]  # nothing beyond 1 %, so nothing to try
+    (far,) = found["commands"].values()
+    assert 0 < far["absolute"] < 1e-5 * far["largest"]
+    assert 0 <= far["tick"] < found["ticks"]
+    assert found["metrics"]["distance"][1] == pytest.approx(found["metrics"]["distance"][0], 1e-6)
+
+
+def test_a_controller_that_is_another_one_in_float_fails_by_its_command(float_loop):
+    """Its torque is halved from tick 100 on: no rounding excuses that."""
+    compared, module, params = float_loop
+
+    class Halved:
+        reset = staticmethod(lambda **p: module.reset(**p) and Halved())
+
+        def __init__(self):
+            self.ticks = 0
+
+        def replay_rows(self, rows):
+            out, states = module.replay_rows(rows)
+            self.status, self.ticks = module.status, self.ticks + 1
+            return (out / 2 if self.ticks > 100 else out), states
+
+    found = compared(Halved(), params)
+    (far,) = found["commands"].values()
+    assert far["tick"] >= 100
+    assert far["absolute"] > 0.1 * far["largest"]
+    assert not found["passed"]
+    assert set(found["metrics_differ"]) <= set(found["metrics_move"])
+    said = closed_loop_said(found, "m")
+    assert f"by {far['absolute']:.3g} of {far['largest']:.3g}" in said
+    assert said.endswith("FAILED")

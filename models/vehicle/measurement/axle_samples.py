@@ -103,7 +103,8 @@ def axle_signals(n: int) -> list[Signal]:
         react=Param("s", 0.8, "time to follow a command in", ADDED, lo=0.01, hi=10),
         other=Param("1", 0.25, "share of the largest torque that it may be off by", ADDED, lo=0.01,
                     hi=1),
-        noise=Param("rad/s", 0.5, "what a wheel's sensor may be off by", ADDED, lo=0, hi=100),
+        noise=Param("rad/s", 0.5, "what a wheel's sensor may be off by", ADDED, lo=0, hi=100,
+                    shape=each),
         slow=Param("rad/s", 20.0, "below this speed it may be off by more", ADDED, lo=0, hi=1e3,
                    shape=each),
         noise_slow=Param("rad/s", 5.0, "that much more", ADDED, lo=0, hi=1e3, shape=each),
@@ -163,11 +164,11 @@ class AxleSample:
         s, k, T_max = self.s, self.k, self.s["T_max"]
         braked = 1.25 * fmax(fmax(self.torque, self.modelled), 0) + 0.05 * T_max
         way = (out + s["T"]) / s["J"]
-        noise = s["noise"] + if_else(fabs(last) < s["slow"][k], self.slower, 0)
+        noise = s["noise"][k] + if_else(fabs(last) < s["slow"][k], self.slower, 0)
         there = self.turn * (raw - last)
         moved = all_hold([there >= -(braked + 0.1 * self.rail) * way - noise,
                       there <= (0.05 * T_max + 0.6 * self.rail) * way + noise])  # fmt: skip
-        back = BACK / self.r + s["noise"] + self.slower
+        back = BACK / self.r + s["noise"][k] + self.slower
         ranged = logic_and(raw >= -fmin(back, s["most"][k]), raw <= s["most"][k])
         return logic_and(ranged, logic_or(moved, out >= NEVER))
 

@@ -37,7 +37,7 @@ DRAG = 1.0
 """Largest deceleration in m/s^2 by gradient, resistance and a wrong mass together."""
 
 
-def speed_signals() -> list[Signal]:
+def speed_signals(axles: int) -> list[Signal]:
     """States, inputs, parameters and outputs that concern the vehicle's speed."""
     return named_signals(
         v_h=State("m/s", "v_start", "vehicle speed that was believed"),
@@ -64,7 +64,7 @@ def speed_signals() -> list[Signal]:
         fastest=Param("m/s", 120.0, "largest speed of the vehicle", ADDED, lo=1, hi=500),
         v_start=Param("m/s", 20.0, "vehicle speed at the start", ADDED, lo=0, hi=200),
         pace=Param("m/s", 2.0, "speed that both lose beyond them where calls are too far apart",
-                   ADDED, lo=0.1, hi=NEVER),
+                   ADDED, lo=0.1, hi=NEVER, shape=(axles,)),
     ) + named_signals(
         v=Output("m/s", "vehicle speed that is believed"),
         v_ok=Output("1", "1 while the sensor of the vehicle's speed is believed", lo=0, hi=1),
@@ -145,7 +145,8 @@ class VehicleSpeed:
             beyond(s["lost_v"], of_sensor),
             beyond(s["lost_rim"], of_wheels),
         )
-        late = fmin(self.lost_v, self.lost_rim) > s["pace"]
+        most_off = reduce(fmax, [s["pace"][k] for k in range(s["pace"].numel())])
+        late = fmin(self.lost_v, self.lost_rim) > most_off
         self.paced = if_else(late, 0, s["kept_pace"])
 
     def _stay(self, change: Any) -> None:

@@ -26,8 +26,9 @@ MOVED = ("law.m", "fall.m", "trust.m")
 """Masses that one wheel stops; that of the meter is the load on the rail."""
 
 
-ALIKE = ("wake.v_off", "safe.v_off", "trust.fastest")
-"""Other numbers that have their name in each part that is named."""
+ALIKE = {"wake.v_off": "v_off", "safe.v_off": "v_off", "trust.fastest": "fastest",
+         "trust.gate": "v_error", "trust.noise": "noise"}  # fmt: skip
+"""Other numbers, by the place of each, and the name that they have together."""
 
 
 def is_period(name: str, block: Block) -> bool:
@@ -51,18 +52,21 @@ def common_numbers(trip: Trip, parts: Mapping[str, Block]) -> dict[str, list[str
     A radius of all axles together is left apart: each axle has its own.
     """
     found: dict[str, list[str]] = {
-        n: [] for n in (*WHEEL, "m", "period", "v_off", "v_start", "fastest")
+        n: [] for n in (*WHEEL, "m", "period", "v_off", "v_start", *ALIKE.values())
     }
+    follows = derived_of_inputs(trip)
     for part, block in parts.items():
         for name, s in block.params.items():
             last = name.rpartition(".")[2]
             place = f"{part}.{name}"
             if s.derived or part == "estimator" or place == "law.law.lead":
                 continue
+            if ALIKE.get(place) in follows:
+                continue
             if is_period(name, block):
                 found["period"].append(place)
             elif place in ALIKE or (last == "v_start" and s.unit == "m/s"):
-                found[last].append(place)
+                found[ALIKE.get(place, last)].append(place)
             elif not of_the_wheel(s, last):
                 continue
             elif place in MOVED:
@@ -78,11 +82,14 @@ def common_numbers(trip: Trip, parts: Mapping[str, Block]) -> dict[str, list[str
     shares = {n: places for n, places in found.items() if places}
     if "period" in shares:
         shares[f"period = {trip.control.period!r}"] = shares.pop("period")
+    if "v_error" in shares and trip.sensors.of_wheels:
+        value = float(parts["trust"].params["gate"].value)
+        shares[f"v_error = {value!r}"] = shares.pop("v_error")
     known = {f"{b}.{n}" for b, block in parts.items() for n, s in block.params.items()
              if not s.derived}  # fmt: skip
     return shares | {
         f"{name} = {text}": places
-        for name, (text, wanted) in derived_of_inputs(trip).items()
+        for name, (text, wanted) in follows.items()
         if (places := [p for p in wanted if p in known])
     }
 

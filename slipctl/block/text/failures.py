@@ -1,13 +1,15 @@
 """What a block does when something around it fails, as its parts declare it.
 
 A part says it with ``@step(..., failures=[...])``: rows of texts in which ``{name}`` stands for a
-parameter, and ``{1/name}`` for the time of a rate. So a table of degraded modes has the numbers of
-the block that it is about.
+parameter, the largest of several, and ``{1/name}`` for the time of a rate. So a table of degraded
+modes has the numbers of the block that it is about.
 """
 
 from __future__ import annotations
 
 import re
+
+import numpy as np
 
 from slipctl.block.block import Block
 
@@ -38,7 +40,7 @@ def _filled(text: str, block: Block) -> str:
     values = block.param_values()
 
     def number(match: re.Match[str]) -> str:
-        unit, value = block.params[match[2]].unit, float(values[match[2]])
+        unit, value = block.params[match[2]].unit, float(np.max(values[match[2]]))
         if match[1]:
             unit, value = unit.removeprefix("1/"), 1 / value
         return f"{value:.4g}" + ("" if unit == "1" else f" {unit}")

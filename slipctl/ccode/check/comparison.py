@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +44,13 @@ def compare(
     used: tuple[str, ...],
     run: Expected,
     params: Mapping[str, Any],
+    closed_loop: Callable[[CModule, Mapping[str, Any]], dict[str, Any]] | None = None,
 ) -> dict[str, Any]:
-    """Compile with each compiler, replay, and run the test program of the folder."""
+    """Compile with each compiler, replay, and run the test program of the folder.
+
+    A float module also runs with the rest of its loop, where there is one.
+    """
+    in_loop: dict[str, Any] = {}
     compiled: list[dict[str, Any]] = []
     signals: dict[str, dict[str, Any]] = {}
     mask = compared_bits(plan.real)
@@ -84,6 +89,8 @@ def compare(
                 }
                 passed = passed and sound and all(apart.values())
                 reached = coverage.run_with_counters(plan, Path(scratch), used)
+                if closed_loop is not None and plan.real == "float":
+                    in_loop = {"closed_loop": closed_loop(module, params)}
             compiled.append({
                 "compiler": cc.version(compiler),
                 "flags": " ".join(cc.FLAGS),
@@ -96,7 +103,7 @@ def compare(
                 "own_test": said,
             })  # fmt: skip
     largest, _ = largest_relative(signals)
-    return {
+    return in_loop | {
         "memory_bytes": plan.memory_bytes | {"state": state_bytes},
         "compiled": compiled,
         "isolation": apart,

@@ -191,7 +191,36 @@ def _replayed(data: Mapping[str, Any], layout: Any) -> list[str]:
             ["signal", "unit", "largest difference", "of its largest value", "limit", "compared"],
             rows,
         ),
+        *_in_loop(data),
     ]
+
+
+def _in_loop(data: Mapping[str, Any]) -> list[str]:
+    """A float module with the rest of its loop."""
+    if "closed_loop" not in data:
+        return []
+    said = closed_loop_said(data["closed_loop"], data["name"])
+    return [f"{said[0].upper()}{said[1:]}."]
+
+
+def closed_loop_said(found: Mapping[str, Any] | None, name: str) -> str:
+    """How a float module does with the rest of its loop: its commands, then its metrics."""
+    if found is None:
+        return f"not run in closed loop: {name} is in no loop here"
+    said, far = [f"in closed loop {found['ticks']} ticks"], found["commands"]
+    if far:
+        n = max(far, key=lambda k: far[k]["absolute"] / (far[k]["largest"] or 1.0))
+        c = far[n]
+        which = n if c["element"] is None else f"{n}[{c['element']}]"
+        said[0] += (
+            f", {which} differs most, by {_short(c['absolute'])} of {_short(c['largest'])}"
+            f" {c['unit']} at tick {c['tick']} ({c['tick'] * found['period']:g} s)"
+        )
+    metrics = found["metrics"]
+    said += [f"{n} {metrics[n][1]:.6g}, in Python {metrics[n][0]:.6g}"
+             for n in ("stopping_distance", *found["metrics_differ"])
+             if None not in metrics.get(n, (None,))]  # fmt: skip
+    return f"{'; '.join(said)}: {_verdict(found['passed'])}"
 
 
 def _covered(data: Mapping[str, Any]) -> list[str]:

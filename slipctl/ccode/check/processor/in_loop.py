@@ -23,6 +23,8 @@ from slipctl.run.rail import Scenario
 if TYPE_CHECKING:
     import xarray
 
+    from slipctl.ccode.compile.module import CModule
+
 GIVEN, SEEN = "rig_given_", "rig_seen_"
 """Names in the place holder: what the board gave, what it has to see."""
 
@@ -51,28 +53,15 @@ class Board(Protocol):
         """Run one tick: status and output elements."""
 
 
-class Stored:
-    """The block itself in double, with inputs, outputs and states as floats: what storing does.
+class _Floats:
+    """Numbers kept as floats: the nearest, or with a seed one of the two beside.
 
-    Args:
-        block: the part; params: its parameters.
-        seed: None rounds to the nearest float. A number draws one of the two floats beside each
-            value, which are the value on average; what stays keeps its float.
+    The draws are the number on average; what stays keeps its float.
     """
 
-    def __init__(self, block: Block, params: Mapping[str, Any], seed: int | None = None) -> None:
-        self._f, self._x = block.f, start_state(block, params)
-        self._p = ca.DM(block.pack("param", block.param_values(**params)))
+    def __init__(self, seed: int | None) -> None:
         self._random = None if seed is None else np.random.default_rng(seed)
         self._last: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-
-    def step(
-        self, tick: int, row: np.ndarray, now: int | None = None, damage: bool = False
-    ) -> tuple[int, np.ndarray]:
-        """Run one tick."""
-        following, y = self._f(self._x, self._float("input", row), self._p)
-        self._x = self._float("state", np.array(following.full()).ravel())
-        return 0, self._float("output", np.array(y.full()).ravel())
 
     def _float(self, role: str, value: np.ndarray) -> np.ndarray:
         if self._random is None:
@@ -83,6 +72,48 @@ class Stored:
             found = np.where(value == before, given, found)
         self._last[role] = value.copy(), found
         return found
+
+
+class Stored(_Floats):
+    """The block itself in double, with inputs, outputs and states as floats: what storing does.
+
+    Args:
+        block: the part; params: its parameters.
+        seed: None rounds to the nearest float; a number draws one of the two beside each value.
+    """
+
+    def __init__(self, block: Block, params: Mapping[str, Any], seed: int | None = None) -> None:
+        super().__init__(seed)
+        self._f, self._x = block.f, start_state(block, params)
+        self._p = ca.DM(block.pack("param", block.param_values(**params)))
+
+    def step(
+        self, tick: int, row: np.ndarray, now: int | None = None, damage: bool = False
+    ) -> tuple[int, np.ndarray]:
+        """Run one tick."""
+        following, y = self._f(self._x, self._float("input", row), self._p)
+        self._x = self._float("state", np.array(following.full()).ravel())
+        return 0, self._float("output", np.array(y.full()).ravel())
+
+
+class HostModule(_Floats):
+    """A float module, compiled for this machine and reset; it answers from its start on.
+
+    Args:
+        module: the module.
+        seed: as of :class:`Stored`, of the inputs.
+    """
+
+    def __init__(self, module: CModule, seed: int | None = None) -> None:
+        super().__init__(seed)
+        self._module = module
+
+    def step(
+        self, tick: int, row: np.ndarray, now: int | None = None, damage: bool = False
+    ) -> tuple[int, np.ndarray]:
+        """Run one tick."""
+        out, _ = self._module.replay_rows(self._float("input", row)[np.newaxis])
+        return int(self._module.status[0]), out[0].astype(float)
 
 
 def place_holder(block: Block) -> Block:
