@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,12 +12,17 @@ import numpy as np
 from slipctl.block.units.unit_algebra import unit
 from slipctl.errors import BadInput, nearest
 from slipctl.tables import numerals
-from slipctl.tables.heads import is_unit, name_and_unit
+from slipctl.tables.heads import is_unit, name_and_unit, time_in_name
 from slipctl.tables.layout import Row, layout_of
 from slipctl.tables.order import first_of, many_rows
 
 LARGEST = 1e100
 """Largest number of a table: sums of squares stay far from what a number can hold."""
+
+
+MISSING = (999, 999.25, 999.9, 9999, 99999, 999999, 32767, 32768, 65279, 65535, 2**31 - 1, 2**31,
+           2**32 - 1, 1e20, 1e30, 9.969209968386869e36, 3.4028235e38)  # fmt: skip
+"""Numbers of either sign that loggers write where nothing was measured."""
 
 
 @dataclass
@@ -110,7 +116,8 @@ class Table:
         reading = None
         if column.wrong is None and column.clash is None:
             marks = self._decimals(name) if column.open else set()
-            reading = numerals.marks_of_column(column, self.decimal, marks, self.mark)
+            said = self.units[name] or (time_in_name(name) or (0, ""))[1]
+            reading = numerals.marks_of_column(column, self.decimal, marks, self.mark, said)
         where = f"{self.path}: {name}"
         if reading is None:
             raise numerals.refuse(
@@ -128,6 +135,13 @@ class Table:
     def _judge(self, where: str, name: str, x: np.ndarray) -> None:
         """Tell of lone numbers; refuse an overflow, and a number that marks a missing one."""
         lone, over = lone_values(x), overflows(x)
+        for first, stop in held_values(x):
+            at = f"{self.line} {self.lines[first]}"
+            cells = f"{x[first]:g} stands in {stop - first} rows from {at} on"
+            if any(math.isclose(abs(x[first]), m, rel_tol=1e-6) for m in MISSING):
+                raise BadInput(f"{where}: {cells}, which marks a missing value; empty the cells")
+            self.notes.append(f"{name}: {cells}, then it jumps; where nothing was measured, empty"
+                              " the cells")  # fmt: skip
         if over.size:
             k = over[0]
             raise BadInput(f"{where}: {x[k]:g} in {self.line} {self.lines[k]} follows {x[k - 1]:g}:"
@@ -178,14 +192,42 @@ def lone_values(x: np.ndarray) -> np.ndarray:
     return rows[1:-1][lone] if usual > 0 else rows[:0]
 
 
+def held_values(x: np.ndarray) -> list[tuple[int, int]]:
+    """First row, and the row behind the last, of each stretch where a column holds a false number.
+
+    The column moves from row to row, holds one number in two rows or more, and jumps away from it
+    by 100 usual steps: a mark of missing values. Or it jumps by 20 after 20 rows: a value held.
+    """
+    rows = np.flatnonzero(np.isfinite(x))
+    if rows.size < 20:
+        return []
+    y = x[rows]
+    with np.errstate(over="ignore"):
+        steps = np.abs(np.diff(y))
+    usual = float(np.median(steps))
+    if usual == 0:
+        return []
+    moves = np.flatnonzero(steps > 0) + 1
+    firsts, stops = np.r_[0, moves], np.r_[moves, y.size]
+    sizes = np.r_[np.inf, steps, np.inf] / usual  # an end of the file is as far as can be
+    before, after, many = sizes[firsts], sizes[stops], stops - firsts
+    frozen = (many >= 20) & (y[firsts] != 0) & (after > 20) & (stops < y.size)
+    far = (np.minimum(before, after) > 100) & (many >= 2) & (many < y.size)
+    return [(int(rows[firsts[k]]), int(rows[stops[k] - 1]) + 1)
+            for k in np.flatnonzero(frozen | far)]  # fmt: skip
+
+
 def overflows(x: np.ndarray) -> np.ndarray:
     """Rows whose number jumps from one end of its range to the other, as an integer overflows."""
     if x.size < 20:
         return np.zeros(0, dtype=int)
-    steps = np.abs(np.diff(x))
+    with np.errstate(over="ignore"):
+        steps = np.abs(np.diff(x))
     usual = float(np.nanmedian(steps))
     ends = np.minimum(np.abs(x[:-1]), np.abs(x[1:])) > 0.99 * np.nanmax(np.abs(x))
-    turns = ends & (steps > 1000 * usual) & (np.abs(x[:-1] + x[1:]) < 50 * usual)
+    apart = np.sign(x[:-1]) != np.sign(x[1:])
+    turns = ends & apart & (steps > 1000 * usual)
+    turns &= np.abs(np.abs(x[:-1]) - np.abs(x[1:])) < 50 * usual
     return np.flatnonzero(turns) + 1 if usual > 0 else np.zeros(0, dtype=int)
 
 
