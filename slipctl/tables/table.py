@@ -111,6 +111,7 @@ class Table:
         if cells.dtype != object:
             found = cells.astype(float)
             found[~np.isfinite(found)] = np.nan
+            self._judge(f"{self.path}: {name}", name, found)
             return found
         column = self.column(name)
         reading = None
@@ -135,25 +136,27 @@ class Table:
     def _judge(self, where: str, name: str, x: np.ndarray) -> None:
         """Tell of lone numbers; refuse an overflow, and a number that marks a missing one."""
         lone, over = lone_values(x), overflows(x)
-        for first, stop in held_values(x):
-            at = f"{self.line} {self.lines[first]}"
-            cells = f"{x[first]:g} stands in {stop - first} rows from {at} on"
-            if any(math.isclose(abs(x[first]), m, rel_tol=1e-6) for m in MISSING):
-                raise BadInput(f"{where}: {cells}, which marks a missing value; empty the cells")
-            self.notes.append(f"{name}: {cells}, then it jumps; where nothing was measured, empty"
-                              " the cells")  # fmt: skip
         if over.size:
             k = over[0]
             raise BadInput(f"{where}: {x[k]:g} in {self.line} {self.lines[k]} follows {x[k - 1]:g}:"
                            " the logger's number overflows; log it with more bits")  # fmt: skip
+
+        def place(k: int) -> str:
+            return f"{self.line} {self.lines[k]}"
+
+        for rows in (lone, marks_of_missing(x)):
+            if rows[1:].size and np.ptp(x[rows]) == 0 and _beyond(x, rows):
+                raise BadInput(f"{where}: {x[rows[0]]:g} ({first_of(list(rows), place)}) is far"
+                               " beyond all other values; where it marks a missing value, empty"
+                               " the cell")  # fmt: skip
+        self.notes += [
+            f"{name}: {x[first]:g} stands in {stop - first} rows from {place(first)} on, then it"
+            " jumps; where nothing was measured, empty the cells"
+            for first, stop in held_values(x)
+        ]
         if not lone.size:
             return
-        at = first_of(list(lone), lambda k: f"{self.line} {self.lines[k]}")
-        size = np.abs(x)
-        rest = np.where(np.isin(np.arange(x.size), lone), 0, size)
-        if lone[1:].size and np.ptp(x[lone]) == 0 and size[lone[0]] > 10 * np.nanmax(rest):
-            raise BadInput(f"{where}: {x[lone[0]]:g} ({at}) is far beyond all other values; where"
-                           " it marks a missing value, empty the cell")  # fmt: skip
+        at = first_of(list(lone), place)
         self.notes.append(
             f"{name}: {many_rows(lone.size, 'value')} far from the values before and after,"
             f" {x[lone[0]]:g} ({at}); where it marks a missing value, empty the cell"
@@ -190,6 +193,20 @@ def lone_values(x: np.ndarray) -> np.ndarray:
     across = np.abs(x[rows][2:] - x[rows][:-2])
     lone = (np.minimum(steps[:-1], steps[1:]) > 100 * usual) & (across < 10 * usual)
     return rows[1:-1][lone] if usual > 0 else rows[:0]
+
+
+def marks_of_missing(x: np.ndarray) -> np.ndarray:
+    """Rows whose number is the one of those that loggers write for a missing value."""
+    size = np.where(np.isfinite(x), np.abs(x), 0.0)
+    top = float(size.max(initial=0.0))
+    marks = any(math.isclose(top, m, rel_tol=1e-6) for m in MISSING)
+    return np.flatnonzero(size == top) if marks else np.zeros(0, dtype=int)
+
+
+def _beyond(x: np.ndarray, rows: np.ndarray) -> bool:
+    """Whether the numbers of these rows are ten times as large as all others."""
+    rest = np.abs(np.delete(x, rows))
+    return bool(abs(x[rows[0]]) > 10 * rest[np.isfinite(rest)].max(initial=0.0))
 
 
 def held_values(x: np.ndarray) -> list[tuple[int, int]]:

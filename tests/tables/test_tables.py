@@ -246,8 +246,15 @@ def test_a_stretch_of_marks_of_missing_values_is_refused_with_its_row(
 
     file = tmp_path / "log.csv"
     file.write_text(HEAD + rows(lost), encoding="utf-8")
-    with pytest.raises(BadInput, match="30 rows from line 62 on, which marks a missing value"):
+    with pytest.raises(BadInput, match=r"the first in line 62\) is far beyond all other values"):
         read_recording(file).channel("v")
+    pa = pytest.importorskip("pyarrow")
+    typed = tmp_path / "log.parquet"
+    speed = np.where(np.arange(90) % 30 == 7, float(value), np.arange(90) // 9)  # whole numbers
+    table = pa.table({"t [s]": np.arange(90.0), "v [km/h]": speed})
+    pytest.importorskip("pyarrow.parquet").write_table(table, typed)
+    with pytest.raises(BadInput, match=r"the first in row 8\) is far beyond all other values"):
+        read_recording(typed).channel("v")
 
 
 def test_a_value_that_is_held_and_then_jumps_is_told(tmp_path: Path) -> None:
