@@ -320,9 +320,10 @@ class Signal:
         array = self.finite(where, value)
         if (array < self.lo).any() or (array > self.hi).any():
             worst = array.flat[int(np.argmax(np.abs(array - np.clip(array, self.lo, self.hi))))]
+            unit = "" if self.unit == "1" else f" {self.unit}"
             raise BadInput(
-                f"{where} = {worst:g} {self.unit} is out of range;"
-                f" it must lie in [{self.lo:g}, {self.hi:g}] {self.unit}"
+                f"{where} = {worst:g}{unit} is out of range;"
+                f" it must lie in [{self.lo:g}, {self.hi:g}]{unit}"
             )
         return array
 

@@ -181,6 +181,9 @@ def test_units_as_people_write_them(text: str, same: str) -> None:
 def test_a_gradient_is_said_by_its_ratio() -> None:
     assert parse_quantity("1 in 25", "1") == 0.04
     assert parse_quantity("-1:40", "%") == pytest.approx(-2.5)
+    assert parse_quantity("1 in -25", "1") == -0.04
+    with pytest.raises(BadInput, match="is no gradient"):
+        parse_quantity("1 in 0", "1")
     with pytest.raises(BadInput):
         parse_quantity("1 in 25", "m/s")
     for text in ("°C", "°F", "degC"):
