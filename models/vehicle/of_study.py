@@ -132,7 +132,7 @@ def in_unit(value: Any, signal: Signal) -> Any:
         if isinstance(given, str):
             return parse_quantity(given, signal.unit)
         if isinstance(given, bool) or not isinstance(given, (int, float)):
-            raise BadInput(f"is {given!r}, wanted is a number in {signal.unit}")
+            raise BadInput(f"is {given!r}; write a number in {signal.unit}")
         if signal.unit != "1":
             raise BadInput(f"{given:g} has no unit; write '{given:g} {signal.unit}'")
         return float(given)

@@ -288,11 +288,9 @@ class Signal:
         """
         array = self.shaped(where, value).copy()
         if np.isnan(array).any():
-            raise BadInput(
-                f"{where} is NaN; give a number in [{self.lo:g}, {self.hi:g}] {self.unit}"
-            )
+            raise BadInput(f"{where} is NaN; give a number in {self._range}")
         if np.isinf(array).any():
-            raise BadInput(f"{where} is infinite; give a finite number in {self.unit}")
+            raise BadInput(f"{where} is infinite; give a number in {self._range}")
         if self.whole and (array != np.rint(array)).any():
             odd = array.flat[int(np.argmax(array != np.rint(array)))]
             named = f", one of {', '.join(self.values)}" if self.values else ""
@@ -304,6 +302,11 @@ class Signal:
                 " table must rise"
             )
         return array
+
+    @property
+    def _range(self) -> str:
+        """Range in words; a pure number has no unit."""
+        return f"[{self.lo:g}, {self.hi:g}]" + ("" if self.unit == "1" else f" {self.unit}")
 
     def check(self, where: str, value: Any) -> np.ndarray:
         """Return ``value`` as an array of this signal's shape, refusing NaN and what is off range.
@@ -320,9 +323,9 @@ class Signal:
         array = self.finite(where, value)
         if (array < self.lo).any() or (array > self.hi).any():
             worst = array.flat[int(np.argmax(np.abs(array - np.clip(array, self.lo, self.hi))))]
+            unit = "" if self.unit == "1" else f" {self.unit}"
             raise BadInput(
-                f"{where} = {worst:g} {self.unit} is out of range;"
-                f" it must lie in [{self.lo:g}, {self.hi:g}] {self.unit}"
+                f"{where} = {worst:g}{unit} is out of range; it must lie in {self._range}"
             )
         return array
 

@@ -97,7 +97,7 @@ def text_of(path: Path) -> tuple[str, str]:
         text = raw.decode(coding) if coding else "\0"
     except UnicodeDecodeError:
         text, coding = ("\0", "") if coding != "utf-8-sig" else (_western(raw), "cp1252")
-    if "\0" in text:
+    if "\0" in text or raw[:4] == b"PK\x03\x04":  # a workbook
         raise BadInput(f"{path} is no text; save it as CSV, a head and a row per sample")
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     return text, "utf-8" if coding == "utf-8-sig" else coding

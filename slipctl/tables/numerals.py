@@ -27,6 +27,9 @@ _PLAIN = str.maketrans({"−": "-", "\u00a0": " ", "\u202f": " ", "\u2009": " ",
 _DIGITS = str.maketrans("12345678", "99999999")
 _FORMULA = re.compile(r'="(.*)"')
 
+FINE = frozenset(("ms", "us", "µs", "μs", "ns", "mm", "mm/s", "mbar"))
+"""Units in which people write whole thousands: 1.100 ms may be 1100 ms, whatever others have."""
+
 _SIMPLE = re.compile(r"[+-]?([0-9]+)(?:([.,])([0-9]+))?").fullmatch
 """Most numbers; what decides how these are read is quickly told."""
 
@@ -188,7 +191,7 @@ def _other(shape: str, firsts: Mapping[str, int]) -> int:
 
 
 def marks_of_column(
-    column: Column, told: str, elsewhere: Collection[str], parted_by: str
+    column: Column, told: str, elsewhere: Collection[str], parted_by: str, unit: str = ""
 ) -> tuple[str, str] | None:
     """The reading of a column, None where it stays open.
 
@@ -197,6 +200,7 @@ def marks_of_column(
         told: decimal mark that a person told, or empty.
         elsewhere: decimal marks of the other columns of the table.
         parted_by: mark between the cells of the text, or empty.
+        unit: of the column, or empty.
     """
     readings = [r for r in column.readings if not told or r[0] == told]
     if not readings:
@@ -207,7 +211,8 @@ def marks_of_column(
     other = "," if mark == "." else "."
     bare = [s for s in column.firsts if mark not in s and s != "0"]
     if not bare:  # every number has three digits behind its one mark
-        usual = set(elsewhere) == {mark} or (not elsewhere and parted_by == "," and mark == ".")
+        usual = set(elsewhere) == {mark} and unit not in FINE
+        usual = usual or (parted_by == "," and mark == "." and set(elsewhere) <= {mark})
         return next(r for r in readings if r[0] == mark) if usual else None
     trailing = any(mark in s and s.endswith("0") for s in column.firsts)
     small = all(len(s) <= 3 for s in bare)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,12 +12,17 @@ import numpy as np
 from slipctl.block.units.unit_algebra import unit
 from slipctl.errors import BadInput, nearest
 from slipctl.tables import numerals
-from slipctl.tables.heads import is_unit, name_and_unit
+from slipctl.tables.heads import is_unit, name_and_unit, time_in_name
 from slipctl.tables.layout import Row, layout_of
 from slipctl.tables.order import first_of, many_rows
 
 LARGEST = 1e100
 """Largest number of a table: sums of squares stay far from what a number can hold."""
+
+
+MISSING = (999, 999.25, 999.9, 9999, 99999, 999999, 32767, 32768, 65279, 65535, 2**31 - 1, 2**31,
+           2**32 - 1, 1e20, 1e30, 9.969209968386869e36, 3.4028235e38)  # fmt: skip
+"""Numbers of either sign that loggers write where nothing was measured."""
 
 
 @dataclass
@@ -105,12 +111,14 @@ class Table:
         if cells.dtype != object:
             found = cells.astype(float)
             found[~np.isfinite(found)] = np.nan
+            self._judge(f"{self.path}: {name}", name, found)
             return found
         column = self.column(name)
         reading = None
         if column.wrong is None and column.clash is None:
             marks = self._decimals(name) if column.open else set()
-            reading = numerals.marks_of_column(column, self.decimal, marks, self.mark)
+            said = self.units[name] or (time_in_name(name) or (0, ""))[1]
+            reading = numerals.marks_of_column(column, self.decimal, marks, self.mark, said)
         where = f"{self.path}: {name}"
         if reading is None:
             raise numerals.refuse(
@@ -132,14 +140,23 @@ class Table:
             k = over[0]
             raise BadInput(f"{where}: {x[k]:g} in {self.line} {self.lines[k]} follows {x[k - 1]:g}:"
                            " the logger's number overflows; log it with more bits")  # fmt: skip
+
+        def place(k: int) -> str:
+            return f"{self.line} {self.lines[k]}"
+
+        for rows in (lone, marks_of_missing(x)):
+            if rows[1:].size and np.ptp(x[rows]) == 0 and _beyond(x, rows):
+                raise BadInput(f"{where}: {x[rows[0]]:g} ({first_of(list(rows), place)}) is far"
+                               " beyond all other values; where it marks a missing value, empty"
+                               " the cell")  # fmt: skip
+        self.notes += [
+            f"{name}: {x[first]:g} stands in {stop - first} rows from {place(first)} on, then it"
+            " jumps; where nothing was measured, empty the cells"
+            for first, stop in held_values(x)
+        ]
         if not lone.size:
             return
-        at = first_of(list(lone), lambda k: f"{self.line} {self.lines[k]}")
-        size = np.abs(x)
-        rest = np.where(np.isin(np.arange(x.size), lone), 0, size)
-        if lone[1:].size and np.ptp(x[lone]) == 0 and size[lone[0]] > 10 * np.nanmax(rest):
-            raise BadInput(f"{where}: {x[lone[0]]:g} ({at}) is far beyond all other values; where"
-                           " it marks a missing value, empty the cell")  # fmt: skip
+        at = first_of(list(lone), place)
         self.notes.append(
             f"{name}: {many_rows(lone.size, 'value')} far from the values before and after,"
             f" {x[lone[0]]:g} ({at}); where it marks a missing value, empty the cell"
@@ -178,14 +195,56 @@ def lone_values(x: np.ndarray) -> np.ndarray:
     return rows[1:-1][lone] if usual > 0 else rows[:0]
 
 
+def marks_of_missing(x: np.ndarray) -> np.ndarray:
+    """Rows whose number is the one of those that loggers write for a missing value."""
+    size = np.where(np.isfinite(x), np.abs(x), 0.0)
+    top = float(size.max(initial=0.0))
+    marks = any(math.isclose(top, m, rel_tol=1e-6) for m in MISSING)
+    return np.flatnonzero(size == top) if marks else np.zeros(0, dtype=int)
+
+
+def _beyond(x: np.ndarray, rows: np.ndarray) -> bool:
+    """Whether the numbers of these rows are ten times as large as all others."""
+    rest = np.abs(np.delete(x, rows))
+    return bool(abs(x[rows[0]]) > 10 * rest[np.isfinite(rest)].max(initial=0.0))
+
+
+def held_values(x: np.ndarray) -> list[tuple[int, int]]:
+    """First row, and the row behind the last, of each stretch where a column holds a false number.
+
+    The column moves from row to row, holds one number in two rows or more, and jumps away from it
+    by 100 usual steps: a mark of missing values. Or it jumps by 20 after 20 rows: a value held.
+    """
+    rows = np.flatnonzero(np.isfinite(x))
+    if rows.size < 20:
+        return []
+    y = x[rows]
+    with np.errstate(over="ignore"):
+        steps = np.abs(np.diff(y))
+    usual = float(np.median(steps))
+    if usual == 0:
+        return []
+    moves = np.flatnonzero(steps > 0) + 1
+    firsts, stops = np.r_[0, moves], np.r_[moves, y.size]
+    sizes = np.r_[np.inf, steps, np.inf] / usual  # an end of the file is as far as can be
+    before, after, many = sizes[firsts], sizes[stops], stops - firsts
+    frozen = (many >= 20) & (y[firsts] != 0) & (after > 20) & (stops < y.size)
+    far = (np.minimum(before, after) > 100) & (many >= 2) & (many < y.size)
+    return [(int(rows[firsts[k]]), int(rows[stops[k] - 1]) + 1)
+            for k in np.flatnonzero(frozen | far)]  # fmt: skip
+
+
 def overflows(x: np.ndarray) -> np.ndarray:
     """Rows whose number jumps from one end of its range to the other, as an integer overflows."""
     if x.size < 20:
         return np.zeros(0, dtype=int)
-    steps = np.abs(np.diff(x))
+    with np.errstate(over="ignore"):
+        steps = np.abs(np.diff(x))
     usual = float(np.nanmedian(steps))
     ends = np.minimum(np.abs(x[:-1]), np.abs(x[1:])) > 0.99 * np.nanmax(np.abs(x))
-    turns = ends & (steps > 1000 * usual) & (np.abs(x[:-1] + x[1:]) < 50 * usual)
+    apart = np.sign(x[:-1]) != np.sign(x[1:])
+    turns = ends & apart & (steps > 1000 * usual)
+    turns &= np.abs(np.abs(x[:-1]) - np.abs(x[1:])) < 50 * usual
     return np.flatnonzero(turns) + 1 if usual > 0 else np.zeros(0, dtype=int)
 
 

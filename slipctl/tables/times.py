@@ -211,9 +211,14 @@ def _of_numbers(table: Table, name: str, told: str) -> np.ndarray:
     steps = np.abs(np.diff(passed[np.isfinite(passed)]))
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     where = f"{table.path}: {name}"
+    if told and (u := _epoch(first, step)) and unit(u).scale < unit(told).scale:
+        raise BadInput(f"{where} is told in {told}, and {first:.6g} in {table.line}"
+                       f" {table.lines[0]} looks like {u} since 1970; write that unit")  # fmt: skip
+    if told and step * factor(told, "s") >= SLOW:
+        table.notes.append(f"{name} goes on by {step * factor(told, 's'):.4g} s from row to row;"
+                           f" look at its unit, {told}")  # fmt: skip
     if not told:
-        told = next((u for u, size in EPOCHS.items() if 0.9 * size < first < 2.5 * size
-                     and step * factor(u, "s") < SLOW), "")  # fmt: skip
+        told = _epoch(first, step)
         if told:
             day = datetime.fromtimestamp(float(first) * factor(told, "s"), UTC)
             table.notes.append(f"{name} has no unit; read in {told} since 1970, {day:%Y-%m-%d} on")
@@ -228,3 +233,9 @@ def _of_numbers(table: Table, name: str, told: str) -> np.ndarray:
             table.notes.append(f"{name} has no unit in the head; read in s,"
                                f" {step:.4g} s from row to row")  # fmt: skip
     return passed * factor(told, "s")
+
+
+def _epoch(first: float, step: float) -> str:
+    """Unit in which times count from 1970 on, by the first one and the usual step; or empty."""
+    return next((u for u, size in EPOCHS.items() if 0.9 * size < first < 2.5 * size
+                 and step * factor(u, "s") < SLOW), "")  # fmt: skip

@@ -253,7 +253,7 @@ study = Study(
     " Adaptation for High-Speed Trains, Actuators 2021, 10, 313",
     doc="Does prescribed performance with an adhesion filter and a searched reference hold the best"
     " slip, with noise, lag, an estimated speed and down to standstill, and what does it take?",
-    short="The stopping distances have the order that the paper prints, but the last two differ by"
+    short="The distances in 6 s have the order that the paper prints, but the last two differ by"
     " a millimetre, and other limits or gains turn the order. Prescribed performance keeps its"
     " bounds, not under every bounded error as its theorem says. The best slip is found within"
     " 50 ms only where the rails are known beforehand.",

@@ -203,9 +203,9 @@ study = Study(
     " on High-Order Sliding Mode, Appl. Sci. 2025, 15, 3909",
     doc="What prevents slip, the limit or the law? How fast and how honest is the observer? What do"
     " the gains of the higher-order sliding mode hold, and what does the run ask of them?",
-    short="With the limit no law slips, and without it the simple laws spin on poor rail. The"
-    " ranking of the laws by speed error is not that of the paper. With lag and noise the"
-    " higher-order law chatters more than the law that it should replace.",
+    short="With the limit no law slips, and without it every law spins on poor rail, the proposed"
+    " one too. The ranking of the laws by speed error is not that of the paper. With lag and noise"
+    " the higher-order law chatters more than the law that it should replace.",
     headline="creep_every_law_base",
     models=MODELS,
     cases=cases,

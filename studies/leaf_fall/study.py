@@ -19,9 +19,9 @@ study = Study(
     " shortest by the valves of its cylinders, at what price, and how much is left to gain?",
     short="Where a joule cleans well, leading axles at their slip limit and last ones near their"
     " peak stop a train shortest: the first rub off what hinders the rest. A law that adds to the"
-    " search of the peak how many axles follow gets most of that behind valves there, and little"
-    " where cleaning is weak. Locked wheels stop about as short as a slide"
-    " protection, but their contacts are hot enough to harden steel.",
+    " search of the peak how many axles follow gets most of that behind valves there, and less than"
+    " half where cleaning is weak. Locked wheels stop about as short as a slide protection, but"
+    " their contacts are hot enough to harden steel.",
     headline="bound",
     cases=cases,
     signals=SIGNALS,

@@ -371,7 +371,7 @@ def one_law(body):
          c=Param("1"): u * c), "b: condition 'dry' sets 'C'; did you mean 'c'"),
         (lambda: law(name="b", conditions={"dry": 1.0})(lambda: 0), "b: conditions are values by"),
         (lambda: law(y=Output("1"), name="b", conditions={"dry": {"c": -1.0}})(lambda u=Input("1"),
-         c=Param("1", lo=0): u * c), "b: condition 'dry': c = -1 1 is out of range"),
+         c=Param("1", lo=0): u * c), "b: condition 'dry': c = -1 is out of range"),
         (lambda: connect("loop", {}, a=subway.wheelset()).swap("a", None), "the new a is no block"),
     ],
 )  # fmt: skip

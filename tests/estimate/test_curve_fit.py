@@ -417,7 +417,7 @@ HERE = {"v": 10.0, "Q": contact.WHEEL_LOAD}
         ({"unknown": ["k_Q"]}, "polach has no parameter 'k_Q'"),
         ({"unknown": ["KEPS"]}, "polach.KEPS is derived"),
         ({"start": {"G": 1e9}}, "start has 'G'"),
-        ({"start": {"k_A": -1.0}}, "polach.k_A = -1 1 is out of range"),
+        ({"start": {"k_A": -1.0}}, "polach.k_A = -1 is out of range"),
         ({"at": {"v": "10 kg"}}, "cannot be '10 kg'"),
         ({"at": {"w": 1}}, "polach has no input or parameter 'w'"),
         ({"columns": {"mu": "force / weight"}}, "lacks mu"),

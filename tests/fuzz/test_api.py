@@ -134,3 +134,9 @@ def test_random_wrong_calls_end_in_our_words(names, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     heavy_calls.prepared_folder()
     assert [*heavy_calls.found_foreign(names, 4, 3)] == []
+
+
+@pytest.mark.parametrize("given", [float("nan"), {}, "x", None])
+def test_a_range_that_is_no_signal_is_refused(given):
+    with pytest.raises(BadInput, match="is no signal"):
+        sc.ranged(tick, u=given)

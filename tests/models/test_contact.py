@@ -299,9 +299,9 @@ def test_curtius_kniffler():
         (lambda: contact.patch(R_wheel=0), "R_wheel = 0 m must be positive"),
         (lambda: contact.creep_law("printed-5"), "creep_law has no form 'printed-5'"),
         (lambda: contact.peak(10.0, "snow"), "polach has no surface 'snow'"),
-        (lambda: polach.with_params(k_A=0.0), "polach.k_A = 0 1 is out of range"),
-        (lambda: polach.with_params(k_S=-1.0), "polach.k_S = -1 1 is out of range"),
-        (lambda: polach.with_params(mu_0=1.2), "polach.mu_0 = 1.2 1 is out of range"),
+        (lambda: polach.with_params(k_A=0.0), "polach.k_A = 0 is out of range"),
+        (lambda: polach.with_params(k_S=-1.0), "polach.k_S = -1 is out of range"),
+        (lambda: polach.with_params(mu_0=1.2), "polach.mu_0 = 1.2 is out of range"),
     ],
 )
 def test_refusals(call, words):
@@ -337,8 +337,8 @@ def test_surface_table(tmp_path, caplog):
             "has the columns surface, k_A, k_S, A, B; a surface",
         ),
         (HEAD + "x,1,.5,.4,.5\n", "line 2 has 5 cells, its head 6"),
-        (HEAD + "x,1,.5,.4,.5,.5\ny,0,.5,.4,.5,.5\n", "line 3: k_A = 0 1 is out of range"),
-        (HEAD + "x,1,.5,.4,.5,1.5\n", "line 2: mu_0 = 1.5 1 is out of range"),
+        (HEAD + "x,1,.5,.4,.5,.5\ny,0,.5,.4,.5,.5\n", "line 3: k_A = 0 is out of range"),
+        (HEAD + "x,1,.5,.4,.5,1.5\n", "line 2: mu_0 = 1.5 is out of range"),
         (HEAD + "x,1,.5,.4,.5,much\n", "'much' in line 2 is no number"),
         (HEAD + "x,1,.5,.4,.5,nan\n", "line 2: mu_0 is NaN"),
         (HEAD + "x,1,.5,.4,.5,.3\nx,1,.5,.4,.5,.3\n", "line 3: 'x' is no name, or the second"),

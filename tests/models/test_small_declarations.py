@@ -185,3 +185,20 @@ def test_a_section_of_a_study_begins_at_a_place_or_at_a_time(sections, said):
     with pytest.raises(BadInput) as found:
         of_study.StudyRail(sections=tuple(made))
     assert all(part in str(found.value) for part in said)
+
+
+@pytest.mark.parametrize(
+    ("given", "ends", "said"),
+    [
+        ((0.02, "s"), {}, "write the unit, the number"),
+        (("s", "0.02"), {}, "write the unit, the number"),
+        (("s", 0.02, 5), {}, "write the unit, the number"),
+        (("s", float("nan")), {}, "nan s is not finite"),
+        (("s", [1, "x"]), {}, "'x' is no number in s"),
+        (("s", 0.02), {"lo": 1, "hi": 5}, "0.02 s is outside 1 .. 5 s"),
+        (("s", 0.02), {"lo": 5, "hi": 1}, "lo 5 and hi 1 are no range"),
+    ],
+)
+def test_a_number_that_is_declared_wrongly_is_refused(given, ends, said):
+    with pytest.raises(BadInput, match=said):
+        parts.number(*given, **ends)

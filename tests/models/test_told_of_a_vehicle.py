@@ -149,13 +149,21 @@ def test_what_a_file_of_a_driven_vehicle_may_not_say_is_refused(what, tmp_path):
 UNUSUAL = {
     "metro": ({}, None),
     "light": (
-        {'mass = "38 t"': 'mass = "5.6 t"', "110 kg m^2": "60 kg m^2"},
+        {'mass = "38 t"': 'mass = "5.6 t"', "110 kg m^2": "60 kg m^2", '"8 kN m"': '"1 kN m"'},
         "vehicle.mass: an axle carries 1.4 t",
     ),
     "heavy": ({'mass = "38 t"': 'mass = "168 t"'}, "vehicle.mass: an axle carries 42 t"),
     "tare": (
         {'mass = "38 t"': 'tare = "166 t"\nload = "2 t"'},
         "vehicle.tare: an axle carries 42 t",
+    ),
+    "of one axle": (
+        {'mass = "38 t"': 'mass = "9.5 t"', '"8 kN m"': '"2 kN m"'},
+        "vehicle.mass: an axle carries 2.38 t",
+    ),
+    "of the car": (
+        {'torque = "8 kN m"': 'torque = "32 kN m"'},
+        "all axles together give 8.02 m/s.2, more than any rail carries",
     ),
     "just not heavy": ({'mass = "38 t"': 'mass = "159 t"'}, None),
     "turning": (

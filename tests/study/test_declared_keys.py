@@ -69,14 +69,14 @@ def test_a_number_is_one_in_its_unit_and_range(name: str, f: Any) -> None:
     assert any("is outside" in k or "nan" in k for k in told(text(math.nan)))
     other = "1 kg K" if unit != "kg K" else "1 m"
     assert any(unit in k or "number" in k for k in told(other)), told(other)
-    assert any("wanted is" in k for k in told(True))
-    assert any("wanted is" in k for k in told({"a": 1}))
+    assert any("; write " in k for k in told(True))
+    assert any("; write " in k for k in told({"a": 1}))
     inside = next((x for x in (lo, hi, 1.0) if math.isfinite(x)), 1.0)
     if unit != "1":
         for bare in (inside, repr(inside)):
             assert any("has no unit; write" in k for k in told(bare)), bare
     if whole and lo < hi:
-        assert any("wanted is a whole number" in k for k in told(text(math.floor(inside) + 0.5)))
+        assert any("write a whole number" in k for k in told(text(math.floor(inside) + 0.5)))
 
 
 @pytest.mark.parametrize("name", PARTS)
@@ -92,18 +92,18 @@ def test_a_key_of_another_kind_is_refused(name: str) -> None:
         )
         lists = [t for t in types if get_origin(t) is tuple]
         if tables:
-            assert any("wanted is a table" in k for k in faults_at(kind, key, 3)), key
+            assert any("write a table" in k for k in faults_at(kind, key, 3)), key
         elif lists and len(types) == len(lists):
-            assert any("wanted is a list" in k for k in faults_at(kind, key, "x")), key
+            assert any("write a list" in k for k in faults_at(kind, key, "x")), key
         elif any(get_origin(t) is Literal for t in types):
             assert faults_at(kind, key, "no such word"), key
         elif types == [str]:
-            assert any("wanted is a text" in k for k in faults_at(kind, key, 3)), key
+            assert any("write a text" in k for k in faults_at(kind, key, 3)), key
     _, faults = declared_parts.read(kind, {"no_such_key": 1})
     rest = any(f.metadata.get("rest") for f in fields(kind))
     assert rest or any(keys == ("no_such_key",) for keys, _ in faults)
     _, faults = declared_parts.read(kind, 3)
-    assert faults == [((), "is 3, wanted is a table")]
+    assert faults == [((), "is 3; write a table")]
 
 
 # ---- files of equations ------------------------------------------------------------------------

@@ -181,6 +181,9 @@ def test_units_as_people_write_them(text: str, same: str) -> None:
 def test_a_gradient_is_said_by_its_ratio() -> None:
     assert parse_quantity("1 in 25", "1") == 0.04
     assert parse_quantity("-1:40", "%") == pytest.approx(-2.5)
+    assert parse_quantity("1 in -25", "1") == -0.04
+    with pytest.raises(BadInput, match="is no gradient"):
+        parse_quantity("1 in 0", "1")
     with pytest.raises(BadInput):
         parse_quantity("1 in 25", "m/s")
     for text in ("°C", "°F", "degC"):
@@ -235,3 +238,52 @@ def test_an_integer_that_overflows_is_refused_with_its_row(tmp_path: Path) -> No
     file.write_text("t [s];v [mm/s]\n" + rows(wrapped), encoding="utf-8")
     with pytest.raises(BadInput, match="in line 41 follows 32760: the logger's number overflows"):
         read_recording(file).channel("v")
+
+
+@pytest.mark.parametrize("value", ["-999", "65535", "1e30", "9.96921e36"])
+def test_a_stretch_of_marks_of_missing_values_is_refused_with_its_row(
+    value: str, tmp_path: Path
+) -> None:
+    def lost(t: float, v: float, k: int) -> str:
+        return f"{t:.1f};{value if 60 <= k < 90 else f'{v:.2f}'}"
+
+    file = tmp_path / "log.csv"
+    file.write_text(HEAD + rows(lost), encoding="utf-8")
+    with pytest.raises(BadInput, match=r"the first in line 62\) is far beyond all other values"):
+        read_recording(file).channel("v")
+    pa = pytest.importorskip("pyarrow")
+    typed = tmp_path / "log.parquet"
+    speed = np.where(np.arange(90) % 30 == 7, float(value), np.arange(90) // 9)  # whole numbers
+    table = pa.table({"t [s]": np.arange(90.0), "v [km/h]": speed})
+    pytest.importorskip("pyarrow.parquet").write_table(table, typed)
+    with pytest.raises(BadInput, match=r"the first in row 8\) is far beyond all other values"):
+        read_recording(typed).channel("v")
+
+
+def test_a_value_that_is_held_and_then_jumps_is_told(tmp_path: Path) -> None:
+    def held(t: float, v: float, k: int) -> str:
+        return plain(t, 20.0 - 0.05 * (60 if 60 <= k < 90 else k), k)
+
+    def stands(t: float, v: float, k: int) -> str:
+        return plain(t, max(0.0, 20.0 - 0.3 * k), k)
+
+    file = tmp_path / "log.csv"
+    for line, told in ((held, True), (stands, False)):
+        file.write_text(HEAD + rows(line), encoding="utf-8")
+        log = read_recording(file)
+        log.channel("v")
+        assert told == any("30 rows from line 62 on, then it jumps" in n for n in log.notes)
+
+
+@pytest.mark.parametrize(("mark", "refused"), [(";", True), (",", False)])
+def test_whole_thousands_of_ms_may_be_meant_unless_commas_part_the_cells(
+    mark: str, refused: bool, tmp_path: Path
+) -> None:
+    file = tmp_path / "log.csv"
+    lines = (f"{k / 10:.3f}{mark}{20 - 0.05 * k:.2f}" for k in range(10, 40))
+    file.write_text(f"t [ms]{mark}v [km/h]\n" + "\n".join(lines), encoding="utf-8")
+    if refused:
+        with pytest.raises(BadInput, match=r"'1\.000' in line 2 may be 1\.000 or 1000"):
+            read_recording(file)
+    else:
+        assert read_recording(file).time[-1] == pytest.approx(2.9e-3)

@@ -91,3 +91,11 @@ def test_times_that_cannot_be_told_are_refused(what, tmp_path):
     text, wanted, said = REFUSED[what]
     with pytest.raises(BadInput, match=said):
         times(tmp_path, text, wanted)
+
+
+def test_a_unit_that_the_times_contradict_is_refused(tmp_path: Path) -> None:
+    ms = rows([1700000000000 + 100 * k for k in range(4)], V, head="time [s];v")
+    with pytest.raises(BadInput, match=r"told in s, and 1\.7e\+12 in line 2 looks like ms since"):
+        times(tmp_path, ms)
+    slow = rows([100 * k for k in range(4)], V, head="time [s];v")
+    assert any("goes on by 100 s from row to row" in n for n in times(tmp_path, slow)[2])

@@ -27,7 +27,19 @@ def number(
     With ``by`` it may be told by another quantity too, ``by="kg"`` takes N/kg for N; see ``Each``.
     ``key`` is its name in a file, where Python has no such name. A file has none of the keys
     ``instead_of`` beside it.
+
+    Raises:
+        BadInput: unit and value are swapped, a value that is no number or is outside its range.
     """
+    if any(isinstance(x, bool) or not isinstance(x, (int, float)) for x in (lo, hi)) or not lo < hi:
+        raise BadInput(f"number({unit!r}, ...): lo {lo!r} and hi {hi!r} are no range")
+    if not isinstance(unit, str) or isinstance(value, str) or not isinstance(doc, str):
+        raise BadInput(f"number({unit!r}, {value!r}, ...): write the unit, the number, and what it"
+                       " means, number('s', 0.02, 'lag')")  # fmt: skip
+    for one in value if isinstance(value, (tuple, list)) else (value,):
+        none = one is MISSING or one is None
+        if why := "" if none else off_range(one, {"unit": unit, "lo": lo, "hi": hi}):
+            raise BadInput(f"number({unit!r}, {one!r}, ...): {why}")
     meta = {"unit": unit, "doc": doc, "lo": lo, "hi": hi} | ({"by": by} if by else {})
     meta |= {"key": key} if key else {}
     meta |= {"instead_of": instead_of} if instead_of else {}

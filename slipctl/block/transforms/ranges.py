@@ -33,6 +33,9 @@ def ranged(
         BadInput: an unknown signal, another unit, an expression that cannot be read.
     """
     as_block("ranged: the block", block)
+    for s in (*outputs, *signals.values()):
+        if not isinstance(s, Signal):
+            raise BadInput(f"ranged: {s!r} is no signal; write u=Input('N', lo=-1, hi=1)")
     given = {(s.role, n): s for n, s in signals.items()} | {("output", s.name): s for s in outputs}
     own = {(s.role, s.name): s for s in block.signals}
     for (role, n), s in given.items():

@@ -30,5 +30,5 @@ REFUSED = {
 }  # fmt: skip
 """Names that are no unit or another one than is meant, and what is said of them."""
 
-ONE_IN = re.compile(r"\s*([+-]?)\s*1\s*(?:in\s|:)\s*(\d*[1-9]\d*(?:\.\d+)?)\s*")
+ONE_IN = re.compile(r"\s*([+-]?)\s*1\s*(?:in\s|:)\s*(-?(?:\d+\.?\d*|\.\d+))\s*")
 """A gradient as people say it, 1 in 25 or 1:25."""

@@ -358,11 +358,14 @@ def parse_quantity(text: str, wanted: str, where: str = "") -> float:
     name = f"{where} " if where else ""
     text = str(text).replace("−", "-")
     if (ratio := ONE_IN.fullmatch(text)) and not unit(wanted).dims:
+        if not float(ratio[2]):
+            raise BadInput(f"{name}[{wanted}]: {_cut(text)!r} is no gradient; write '1 in 25'")
         return float(f"{ratio[1]}1") / float(ratio[2]) / unit(wanted).scale
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise BadInput(
-            f"{name}[{wanted}]: {_cut(text)!r} is no number with a unit, such as '8.2 {wanted}'"
+            f"{name}[{wanted}]: {_cut(text)!r} is no number"
+            + ("" if wanted == "1" else f" with a unit, such as '8.2 {wanted}'")
         )
     number, given = match[1], match[2].strip()
     if re.match(r"[,_'\d.eE+-]", given) and not re.match(r"[eE][^\W\d]|1\s*/\s*\(?[^\W\d]", given):

@@ -84,7 +84,7 @@ class _Reader:
     def part(self, kind: type, content: Any, keys: Keys) -> Any:
         """Part of a table."""
         if not isinstance(content, Mapping):
-            self.fault(keys, f"is {_shown(content)}, wanted is a table")
+            self.fault(keys, f"is {_shown(content)}; write a table")
             return None
         before = len(self.faults)
         known = {key_of(f): f for f in fields(kind)}
@@ -122,7 +122,7 @@ class _Reader:
         """Value of a field, by its type."""
         if f.metadata.get("free"):
             if not isinstance(given, Mapping):
-                return self.fault(keys, f"is {_shown(given)}, wanted is a table")
+                return self.fault(keys, f"is {_shown(given)}; write a table")
             return given
         choices = options(kind)
         classes = [c for c in choices if is_dataclass(c)]
@@ -137,7 +137,7 @@ class _Reader:
             return tuple(self.value(inner, g, (*keys, k), f, beside) for k, g in enumerate(given))
         single = [c for c in choices if c not in many]
         if not single:
-            return self.fault(keys, f"is {_shown(given)}, wanted is a list")
+            return self.fault(keys, f"is {_shown(given)}; write a list")
         if "unit" in f.metadata:
             return self.number(given, f.metadata, int in single, keys, beside)
         for c in single:
@@ -152,7 +152,7 @@ class _Reader:
             return given
         if str in single and (isinstance(given, str) or float not in single):
             if not isinstance(given, str):
-                return self.fault(keys, f"is {_shown(given)}, wanted is a text")
+                return self.fault(keys, f"is {_shown(given)}; write a text")
             return given
         if float in single and isinstance(given, (int, float)) and not isinstance(given, bool):
             return float(given)
@@ -161,7 +161,7 @@ class _Reader:
     def one_of(self, classes: list[Any], given: Any, keys: Keys) -> Any:
         """Part of one of several kinds."""
         if not isinstance(given, Mapping):
-            return self.fault(keys, f"is {_shown(given)}, wanted is a table")
+            return self.fault(keys, f"is {_shown(given)}; write a table")
         by_kind = kinds(classes)
         if len(classes) == 1 and ("kind" not in given or not by_kind):
             return self.part(classes[0], given, keys)
@@ -175,7 +175,7 @@ class _Reader:
     def table(self, kind: Any, given: Any, keys: Keys, f: Field[Any]) -> Any:
         """Parts or values by names of a person's own."""
         if not isinstance(given, Mapping):
-            return self.fault(keys, f"is {_shown(given)}, wanted is a table")
+            return self.fault(keys, f"is {_shown(given)}; write a table")
         return {k: self.value(kind, v, (*keys, k), f, given) for k, v in given.items()}
 
     def number(
@@ -187,7 +187,7 @@ class _Reader:
             over = beside.get(unit[3:], "time") if isinstance(beside, Mapping) else "time"
             unit = BY.get(str(over), "s")
         if isinstance(given, bool) or not isinstance(given, (int, float, str)):
-            return self.fault(keys, f"is {_shown(given)}, wanted is {_wanted(unit)}")
+            return self.fault(keys, f"is {_shown(given)}; write {_wanted(unit)}")
         if isinstance(given, str):
             try:
                 value = parse_quantity(given, unit)
@@ -209,7 +209,7 @@ class _Reader:
         except OverflowError:
             return self.fault(keys, "is too large a number")
         if whole and not value.is_integer():
-            return self.fault(keys, f"is {value:g}, wanted is a whole number")
+            return self.fault(keys, f"is {value:g}; write a whole number")
         lo, hi = meta.get("lo", -math.inf), meta.get("hi", math.inf)
         if not (math.isfinite(value) and lo <= value <= hi):
             told = "" if unit == "1" else f" {unit}"
@@ -241,6 +241,8 @@ def _wanted(unit: str) -> str:
 def _example(f: Field[Any]) -> str:
     unit, doc = f.metadata.get("unit"), f.metadata.get("doc", "")
     told = f" ({doc})" if doc else ""
+    if unit and unit.startswith("by "):
+        return f"{told}, in the unit of {unit[3:]}"
     return f"{told}, in {unit}" if unit and unit != "1" else told
 
 
