@@ -53,7 +53,7 @@ NUMBERS = {
                    says="a dead time of {}", absent="a dead time"),
     "T": Number("s", "sample period", role=INPUT, says="a tick of {}"),
     "least": Number("1", "least height of the adhesion curve over that of the file", role=INPUT,
-                    says="an adhesion curve of at least {} times its height"),
+                    says="an adhesion curve of at least {} times its height", lowest=True),
     "most": Number("1", "largest height of the adhesion curve over that of the file", role=INPUT,
                    says="at most {} times its height, changing in any way"),
     "v": Number("m/s", "speed of the vehicle"),
