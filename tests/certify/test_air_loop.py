@@ -139,7 +139,7 @@ def test_the_chords_of_a_flow_lie_below_it():
     assert (np.diff(flow, 2) < 1e-9).all()
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_the_slide_protection_of_emu_locks_no_wheel(tmp_path, monkeypatch):
     """Over a narrower adhesion than the file's, which is quicker; the file is checked alone."""
     monkeypatch.chdir(tmp_path)

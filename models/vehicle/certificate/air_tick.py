@@ -114,7 +114,11 @@ def air_loop(machine: Block, axle: AirAxle, n: Mapping[str, Any]) -> ModeLoop:
     up, down = _changes(axle.brake, T)
     sizes = tuple(map(dyadic, (CELL_OF_SLIP, CELL_OF_ACCELERATION, SHARE * down)))
     still, waits = (Fraction(0), Fraction(0)), up * math.ceil(float(n["dead"]) / T - 1e-9)
-    begins = (still, still, (Fraction(0), Fraction(math.log1p(waits))))  # valves at rest have filled
+    begins = (
+        still,
+        still,
+        (Fraction(0), Fraction(math.log1p(waits))),
+    )  # valves at rest have filled
     ranges = {k: v for k, v in push_ranges(n).items() if k in names}
     return ModeLoop(code, STATES, MODES, begins, (0, 0, 0), ranges, STATES[:1],
                     kept={SLIP: None}, sizes=sizes)  # fmt: skip

@@ -394,7 +394,7 @@ class _AskedValves:
                 made[key] = air_loop(machine, axle, numbers)
             return made[key]
 
-        return slide_system(build, taken={"watchdog": WATCHDOG})
+        return slide_system(build)
 
     def words(self) -> str:
         """Where the bounds are from."""
@@ -405,9 +405,6 @@ class _AskedValves:
         asked = "" if self.trip.certify.slip is not None else (
             "; asked is that no wheel locks, [certify] slip asks for less")  # fmt: skip
         return said + asked
-
-
-WATCHDOG = "after a release that the watchdog ends; samples that are not believed"
 
 
 def hears_force(law: Block) -> bool:

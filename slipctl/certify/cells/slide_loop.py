@@ -7,7 +7,7 @@ vehicle. The height of the adhesion curve may change in any way from tick to tic
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
@@ -217,24 +217,19 @@ def _start(n: Numbers) -> str:
     )
 
 
-def slide_system(
-    build: Callable[[Numbers], ModeLoop] | None,
-    why: list[str] | None = None,
-    taken: Mapping[str, str] | None = None,
-) -> System:
+def slide_system(build: Callable[[Numbers], ModeLoop] | None) -> System:
     """System of a loop with modes; without ``build`` that of a file's own tick.
 
     Args:
-        build: makes the loop of the numbers. why: is filled where there is no proof.
-        taken: what the loop takes for granted, in words.
+        build: makes the loop of the numbers.
     """
-    question = SlideQuestion(build, [] if why is None else why)
+    question = SlideQuestion(build)
     return System(
         "slide_loop",
         "a controller with modes as it runs, behind its brake, on the adhesion curve: the slip"
         " never exceeds a bound; asked of a vehicle file, slipctl certify FILE.toml:LOOP",
         NUMBERS, {}, question.targets(), _start,
-        never=("between ticks; a speed, a demand or an offset of the reference speed that changes",
-               *(taken or {}).values()),
+        never=("between ticks; a speed, a demand or an offset of the reference speed that changes;"
+               " while a watchdog, or samples that are not believed, give the demand",),
         loop=question, time=lambda n: SAMPLED,
     )  # fmt: skip
