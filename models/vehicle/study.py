@@ -9,7 +9,7 @@ from typing import Any
 from slipctl.models.vehicle.certificate import axle_loops
 from slipctl.models.vehicle.certificate.gains import gains, reasons_without_certificate
 from slipctl.models.vehicle.contamination import patches_of_seed
-from slipctl.models.vehicle.parts import Air, Drawn, SlideProtection, Trip, number_with_unit
+from slipctl.models.vehicle.parts import Air, Drawn, Trip, number_with_unit
 from slipctl.models.vehicle.parts.plausibility import unusual_numbers
 from slipctl.models.vehicle.trip import CLEAN, case, clean_case
 from slipctl.run.roles import Signals
@@ -101,13 +101,6 @@ NO_LAYER = (
 )
 
 
-HOLDS = (
-    "its valve holds as soon as the rim runs up, whatever the slip is then, and none of the sets of"
-    " cells that were tried stops growing there. A machine that vents while the slip is large can"
-    " be proved: write it as a text behind kind = 'valve' (slipctl docs own_proof)"
-)
-
-
 def reasons(trip: Trip) -> dict[str, str]:
     """Why a controller has no certificate, by its name."""
     return axle_loops.reasons_without_certificate(trip, reasons_without_certificate(trip))
@@ -149,16 +142,17 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
     )
     unlike = [
         said for there, said in (
-            (trip.rail.contamination is not None, NO_LAYER),
-            (isinstance(trip.actuator, Air), BITS),
             (trip.vehicle.track_brake is not None, MAGNETS),
             (trip.vehicle.dynamic_brake is not None, MOTORS),
+            (trip.rail.contamination is not None, NO_LAYER),
+            (isinstance(trip.actuator, Air), BITS),
         ) if there
     ]  # fmt: skip
     if unlike:
-        asked: tuple[Gains, ...] = ()
-        why = {k: HOLDS if isinstance(part, SlideProtection) else unlike[0]
-               for k, part in trip.controllers.items()}  # fmt: skip
+        valves = unlike[0] in (NO_LAYER, BITS)
+        asked: tuple[Gains, ...] = axle_loops.gains_behind_valves(trip) if valves else ()
+        have = {g.loop for g in asked}
+        why = {k: unlike[0] for k in trip.controllers if k not in have}
     else:
         asked, why = (*gains(trip), *axle_loops.gains(trip)), reasons(trip)
     return Study(

@@ -63,6 +63,7 @@ class Number:
         says: clause of the promise for an input, ``"every |d| <= {}"``; {} is the number.
         absent: what is not promised where an input is zero or not told, ``"a disturbance"``.
         hint: what the line says more that refuses a number that is too low.
+        lowest: whether it is the lower end of a range, of which less is more to withstand.
     """
 
     unit: str
@@ -75,6 +76,7 @@ class Number:
     says: str = ""
     absent: str = ""
     hint: str = ""
+    lowest: bool = False
 
 
 class Side(NamedTuple):

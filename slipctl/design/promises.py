@@ -100,12 +100,15 @@ def with_margin(
     """Numbers with the bounds of what is withstood ``margin`` times as large.
 
     Those are all inputs that are no times (a sample period, a lag); where there is none of them,
-    the times.
+    the times. The lower end of a range is divided, so that the larger range holds the smaller one.
     """
     inputs = [k for k, v in numbers.items() if system.numbers[k].role == INPUT and v]
     bounds = [k for k in inputs if system.numbers[k].unit != "s"] or inputs
     by = Fraction(margin).limit_denominator(10**6)
-    return {k: v * by if k in bounds else v for k, v in numbers.items()}
+    lowest = {k for k in bounds if system.numbers[k].lowest and numbers[k] > 0}
+    return {
+        k: v / by if k in lowest else v * by if k in bounds else v for k, v in numbers.items()
+    }
 
 
 def promises_of_loop(gains: Sequence[Gains], loop: str, scenario: str) -> tuple[Gains, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from fractions import Fraction
 
 import numpy as np
@@ -197,6 +198,20 @@ def keeps(n, x, d, memory=[]):  # noqa: B006
         (caught, "catches an error"),
         (keeps, "in a default"),
         (COUNT.append, "builtin"),
+        (lambda n, x, d: {"x": x["x"] % 1}, "a cast, a rounding"),
+        (lambda n, x, d: {"x": (0, 5)[x["x"] > 3]}, "a cast, a rounding"),
+        (lambda n, x, d: {"x": 5 * ((x["x"] > 1) ^ (x["x"] > 2))}, "a cast, a rounding"),
+        (lambda n, x, d: {"x": 2 ** x["x"]}, "a cast, a rounding"),
+        (lambda n, x, d: {"x": divmod(x["x"], 1)[0]}, "divmod"),
+        (lambda n, x, d: {"x": math.fsum([x["x"], 3])}, "math.fsum"),
+        (lambda n, x, d: {"x": math.copysign(3, x["x"])}, "math.copysign"),
+        (lambda n, x, d: {"x": np.where(x["x"] > 0, 5, 0)}, "np.where"),
+        (lambda n, x, d: {"x": np.float32(0.1) * x["x"]}, "np.float32"),
+        (lambda n, x, d: {"x": hash(x["x"]) % 2}, "hash"),
+        (lambda n, x, d: {"x": min(float("nan"), x["x"])}, "float"),
+        (lambda n, x, d: {"x": x["x"] * 1e308 * 10 / (1e308 * 10)}, "no finite number"),
+        (lambda n, x, d: {"x": next(iter(x.values()))}, "next"),
+        (lambda n, x, d: {"x": (x["x"] + 1j).real}, "attribute real"),
     ],
 )  # fmt: skip
 def test_a_tick_that_cannot_be_read_is_refused_in_words(tick, says):
@@ -211,6 +226,28 @@ def test_a_tick_may_use_numbers_of_its_file_and_functions_of_its_own():
 
     assert asked(lambda n, x, d: {"x": GAIN * x["x"] + own(d["w"])}) == CERTIFIED
     assert asked(lambda n, x, d: {"x": sum(own(v) for v in (x["x"], d["w"]))}) == CERTIFIED
+
+
+@pytest.mark.parametrize("tick", [
+    lambda n, x, d: {"x": 5 if 0.1 < x["x"] < 0.2 else x["x"] / 2},
+    lambda n, x, d: {"x": x["x"] / 2 if not (0 < x["x"] <= 0.005 < n["a"]) else 7},
+    lambda n, x, d: {"x": (y := x["x"] / 2) + (3 if (y := 2 * y) > 0.9 else 0)},
+    lambda n, x, d: {"x": 5 if any(x["x"] > k for k in (0.3, 0.4)) else x["x"] / 2},
+    lambda n, x, d: {"x": 3 * (x["x"] > 0.2) - (x["x"] > 0.4) * True},
+    lambda n, x, d: {"x": 5 if x["x"] in (0, 1) else x["x"] / 2},
+    lambda n, x, d: {"x": (x["x"] or 5) / 2},
+    lambda n, x, d: {"x": (x["x"] > 0.3 and 5) or x["x"] / 2},
+    lambda n, x, d: {"x": sorted([x["x"] / 2, 30 * x["x"], -1 * x["x"]])[-1]},
+    lambda n, x, d: {"x": min([30 * x["x"], x["x"] / 2], key=lambda z: -z)},
+    lambda n, x, d: {"x": max((v for v in [30 * x["x"]] if x["x"] > 0.3), default=x["x"] / 2)},
+    lambda n, x, d: {"x": 0 * x["x"] + (x["x"] / x["x"] if x["x"] != 0 else 3)},
+    lambda n, x, d: {"x": sum([x["x"] > 0.1, x["x"] > 0.2, x["x"] > 0.3])},
+    lambda n, x, d: {"x": x.get("x", 0) / 2 + (3 if "y" not in x else 0)},
+    lambda n, x, d: {"x": x["x"] / 2 + x["x"] * 10**400 / 10**399},
+])  # fmt: skip
+def test_what_python_makes_of_a_tick_is_never_certified_if_a_run_leaves(tick):
+    """Chains, assignments inside, truth of a number, generators, keys, defaults, large integers."""
+    assert asked(tick, W=F(0), band=F(11, 10)) != CERTIFIED
 
 
 def test_an_interval_is_no_number():

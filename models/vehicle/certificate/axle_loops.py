@@ -8,7 +8,7 @@ height of the curve that the ensemble draws; what it draws beside is named.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -19,13 +19,24 @@ from slipctl.certify.cells.mode_cells import ModeLoop
 from slipctl.certify.cells.slide_loop import slide_system
 from slipctl.certify.smooth.axle_loop import axle_system
 from slipctl.certify.systems import System
-from slipctl.models.vehicle.adhesion import rail_law
+from slipctl.models.vehicle.adhesion import layer_law, peak_of_layer, rail_law
+from slipctl.models.vehicle.air.valve_control import slide_protection
 from slipctl.models.vehicle.certificate import gains as bounds
+from slipctl.models.vehicle.certificate.air_tick import AirAxle, air_loop
 from slipctl.models.vehicle.certificate.axle_tick import AxleTick, gain_of, loop_law, short_curve
 from slipctl.models.vehicle.certificate.own_gains import why_not
 from slipctl.models.vehicle.certificate.slide_tick import SlideTick
 from slipctl.models.vehicle.control import slip_law, wheel
-from slipctl.models.vehicle.parts import Constant, Controller, Lag, OwnLaw, SlipLaw, Trip
+from slipctl.models.vehicle.parts import (
+    Air,
+    Constant,
+    Controller,
+    Lag,
+    OwnLaw,
+    SlideProtection,
+    SlipLaw,
+    Trip,
+)
 from slipctl.models.vehicle.slip.own_law import sample_time
 
 NO_RAIL = (
@@ -39,6 +50,10 @@ KINDS = ("pid",)
 
 def is_asked(trip: Trip, part: Controller) -> bool:
     """Whether a controller is asked as it runs: a PID, or a law of one's own with states."""
+    if isinstance(part, SlideProtection):
+        return isinstance(trip.actuator, Air)
+    if isinstance(part, OwnLaw) and isinstance(trip.actuator, Air):
+        return False
     if isinstance(part, OwnLaw):
         block, _ = slip_law(trip, part, wheel(trip, part.reference))
         return bool(block.states) and bool(why_not(trip, part))
@@ -60,12 +75,16 @@ def has_modes(trip: Trip, part: SlipLaw | OwnLaw) -> bool:
     }
 
 
-def gains(trip: Trip) -> tuple[Gains, ...]:
-    """Certificates of the controllers of a trip that are asked as they run."""
+def gains(trip: Trip, of: tuple[type, ...] = (SlipLaw, OwnLaw)) -> tuple[Gains, ...]:
+    """Certificates of the controllers of a trip that are asked as they run.
+
+    Args:
+        trip: the trip. of: kinds of controllers.
+    """
     found: list[Gains] = []
     for name, part in trip.controllers.items():
-        if isinstance(part, SlipLaw | OwnLaw) and is_asked(trip, part):
-            some, _ = _on_rails(trip, part)
+        if isinstance(part, of) and is_asked(trip, part):
+            some, _ = _on_rails(trip, part)  # type: ignore[arg-type]
             for one in some:
                 own = name if len(some) == 1 else f"{name}_{one.rail}"
                 found.append(Gains(own, name, one.asked_as, one.numbers, one.words(), "",
@@ -73,24 +92,33 @@ def gains(trip: Trip) -> tuple[Gains, ...]:
     return tuple(found)
 
 
+def gains_behind_valves(trip: Trip) -> tuple[Gains, ...]:
+    """Certificates of the slide protections of a trip that brakes by air."""
+    return gains(trip, (SlideProtection,))
+
+
 def reasons_without_certificate(trip: Trip, otherwise: Mapping[str, str]) -> dict[str, str]:
     """Why a controller has no certificate, by its name; ``otherwise`` says it of the others."""
     found = dict(otherwise)
     for name, part in trip.controllers.items():
-        if isinstance(part, SlipLaw | OwnLaw) and is_asked(trip, part):
+        if is_asked(trip, part):
             found.pop(name, None)
-            some, why = _on_rails(trip, part)
+            some, why = _on_rails(trip, part)  # type: ignore[arg-type]
             if not some:
                 found[name] = why
     return found
 
 
-def _on_rails(trip: Trip, part: SlipLaw | OwnLaw) -> tuple[list[_Asked], str]:
+def _on_rails(
+    trip: Trip, part: SlipLaw | OwnLaw | SlideProtection
+) -> tuple[Sequence[_Asked | _AskedValves], str]:
     """A controller on each rail on which slip control rules at its goal; else why on none.
 
     What an ensemble draws may leave the range of a law. That is the draw's, which is refused when
     it is run; no run is refused for a certificate that nobody asked for.
     """
+    if isinstance(part, SlideProtection):
+        return [_AskedValves(trip, part)], ""
     kind = _AskedModes if has_modes(trip, part) else _Asked
     try:
         law = rail_law(trip)
@@ -169,18 +197,7 @@ class _Asked:
         """Whether the adhesion at the goal carries less than actuator and demand give."""
         n = self._nominal()
         torque = self._at_goal(**n) * self._heights(n)[1] * n["J"] / n["r"]
-        return torque < min(self.trip.actuator.torque, self._demand(n))
-
-    def _demand(self, n: Mapping[str, float]) -> float:
-        """Torque of an axle that a constant demand asks for; of any other one no limit."""
-        part, many = self.trip.demand, len(self.trip.vehicle.worked)
-        if not isinstance(part, Constant):
-            return float("inf")
-        if part.force is not None:
-            return part.force * n["r"] / many
-        level = part.deceleration if part.acceleration is None else part.acceleration
-        assert level is not None
-        return n["r"] * n["m"] * level / many + n["J"] * level / n["r"]
+        return torque < min(self.trip.actuator.torque, _demand(self.trip, n))
 
     def numbers(self, loop: Block) -> dict[str, float]:
         """Numbers of an ``axle_loop``."""
@@ -251,7 +268,7 @@ class _AskedModes(_Asked):
             "W": assumed.push + self._others(n) * most, "noise": assumed.noise,
             "dead": self.trip.actuator.dead_time, "T": sample_time(self.trip, self.part),
             "least": least, "most": most, "v": self.over.speed,
-            "demand": min(self._demand(n), top),
+            "demand": min(_demand(self.trip, n), top),
             "band": self.over.speed if assumed.slip is None else assumed.slip,
         }  # fmt: skip
 
@@ -280,6 +297,113 @@ class _AskedModes(_Asked):
             else ("; asked is that no wheel locks, [certify] slip asks for less")
         )
         return super().words().replace("; a valve taken as the slower of its lags", "") + asked
+
+
+def _demand(trip: Trip, n: Mapping[str, float]) -> float:
+    """Torque of an axle that a constant demand asks for; of any other one no limit."""
+    part, many = trip.demand, len(trip.vehicle.worked)
+    if not isinstance(part, Constant):
+        return float("inf")
+    if part.force is not None:
+        return part.force * n["r"] / many
+    level = part.deceleration if part.acceleration is None else part.acceleration
+    assert level is not None
+    return n["r"] * n["m"] * level / many + n["J"] * level / n["r"]
+
+
+S_1 = 0.1
+"""Slip in m/s from which a slide protection is asked with the least adhesion of the rail."""
+
+
+class _AskedValves:
+    """One certificate of a slide protection behind the valves of an air brake, on all rails.
+
+    The adhesion is anywhere between the least and the largest one that any rail, layer and load has
+    at any slip beyond ``S_1``.
+    """
+
+    asked_as, rail = "slide_loop", "any"
+
+    def __init__(self, trip: Trip, part: SlideProtection) -> None:
+        self.trip, self.part = trip, part
+        self.over, self.left = bounds.ranges(trip)
+
+    def _masses(self, n: Mapping[str, float]) -> tuple[float, float]:
+        return self.over.numbers.get("m", (n["m"],) * 2)
+
+    def _falls(self, n: Mapping[str, float]) -> tuple[float, float]:
+        """What the slip falls by, least and most in m/s^2."""
+        trip, ends = self.trip, []
+        vehicle, layer, law = trip.vehicle, trip.rail.contamination, rail_law(trip)
+        curves = [(law.with_params(**{k: float(v) for k, v in values.items()}), 1.0)
+                  for values in law.conditions.values()]  # fmt: skip
+        if layer is not None:
+            own = layer_law(trip, layer)
+            peak = peak_of_layer(own, vehicle.speed)
+            told = [layer.peak if p.peak is None else p.peak for p in layer.places] or [layer.peak]
+            drawn = trip.ensemble.patches if trip.ensemble else None
+            told += list(drawn.peak) if drawn else []
+            curves += [(own, 1.0 if x is None else x / peak) for x in told]
+        base = bounds.falling.with_params(n=vehicle.axles, n_w=len(vehicle.worked))
+        for curve, height in curves:
+            block = short_curve(base, curve)
+            at = {"v": self.over.speed} if "v" in block.inputs else {}
+            for m in self._masses(n):
+                given = {f"fall.{k}": {**n, "m": m}[k] for k in ("m", "J", "r", "g")}
+                slips = (S_1, self.over.speed)
+                low, high = enclosure(block, "D", {"v_s": slips}, bounds.COARSE, **at, **given)
+                alone = (n["r"] ** 2 / n["J"] + 1 / m) / (n["r"] ** 2 / n["J"] + vehicle.axles / m)
+                ends.append((low * height * alone, high * height))
+        scales = np.prod([[*self.over.scale[k[0]]] for k in self.over.together], axis=0)
+        low, high = min(a for a, _ in ends), max(b for _, b in ends)
+        return float(low * np.min(scales)), float(high * np.max(scales))
+
+    def numbers(self, loop: Block) -> dict[str, float]:
+        """Numbers of a ``slide_loop``; the curve of height 1 carries the most at every slip."""
+        n, trip = bounds._wheel(loop), self.trip
+        assumed, act = trip.certify, trip.actuator
+        assert isinstance(act, Air)
+        least, most = self._falls(n)
+        lightest, heaviest = self._masses(n)
+        steady = bounds._resistance(trip, self.over.speed, lightest, 0.0)[0]
+        weighed = max(1.0, (act.weighed or 0.0) / lightest)
+        return {
+            "W": assumed.push + steady, "noise": assumed.noise, "dead": act.dead_time,
+            "T": trip.control.period, "least": least / most, "most": 1.0, "v": self.over.speed,
+            "demand": min(_demand(trip, {**n, "m": heaviest}) * weighed, act.torque),
+            "band": self.over.speed if assumed.slip is None else assumed.slip,
+        }  # fmt: skip
+
+    def system(self, loop: Block) -> System:
+        """System of the loop."""
+        n, trip, act = bounds._wheel(loop), self.trip, self.trip.actuator
+        assert isinstance(act, Air)
+        now = loop.values_by_place()
+        machine = slide_protection(trip, self.part, wheel(trip))[0]["machine"]
+        own = {k: float(np.max(now.get(f"ctl.machine.{k}", machine.param_values()[k])))
+               for k in machine.params}  # fmt: skip
+        machine = machine.with_params(**own)
+        T_f = float(np.max(now.get("ctl.rim.T_f", self.part.filter)))
+        axle = AirAxle(n["r"] / n["J"], T_f, S_1, self._falls(n)[1], act)
+        made: dict[tuple[object, ...], ModeLoop] = {}
+
+        def build(numbers: Mapping[str, object]) -> ModeLoop:
+            key = tuple(sorted((k, v) for k, v in numbers.items() if k != "band"))
+            if key not in made:
+                made[key] = air_loop(machine, axle, numbers)
+            return made[key]
+
+        return slide_system(build)
+
+    def words(self) -> str:
+        """Where the bounds are from."""
+        said = (f"at {3.6 * self.over.speed:.4g} km/h; a curve of height 1 is the largest adhesion"
+                f" of any rail of the file; from a slip of {S_1:g} m/s it carries at least what the"
+                f" worst rail, layer and load do; a push of {self.trip.certify.push:g} m/s^2"
+                " ([certify] push), resistance and gradient")  # fmt: skip
+        asked = "" if self.trip.certify.slip is not None else (
+            "; asked is that no wheel locks, [certify] slip asks for less")  # fmt: skip
+        return said + asked
 
 
 def hears_force(law: Block) -> bool:

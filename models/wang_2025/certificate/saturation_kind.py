@@ -264,7 +264,7 @@ SATURATION = register(System(
         "F_min": Number("N", "least force", low="any"),
         "F_max": Number("N", "largest force", low="any"),
         "F_low": Number("N", "least force that the profile needs after the event", low="any",
-                        role=INPUT),
+                        role=INPUT, lowest=True),
         "F_high": Number("N", "largest force that it needs", low="any", role=INPUT),
         "start": Number("m", "largest |e1| at the start, at rest", None, "not negative", 1.0,
                         optional=True),

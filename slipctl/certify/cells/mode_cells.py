@@ -56,7 +56,8 @@ class ModeLoop:
         watched: real states whose largest and least value count.
         stride: ticks from one image to the next.
         kept: further outputs of the tick with the range in which each has to be at every tick; what
-            the pushes stand for may rest on it.
+            the pushes stand for may rest on it. None where its ends are only wanted.
+        sizes: of the cells, where the loop says so itself.
     """
 
     code: TickCode
@@ -67,7 +68,8 @@ class ModeLoop:
     push: Mapping[str, Range]
     watched: tuple[str, ...]
     stride: int = 1
-    kept: Mapping[str, Range] = field(default_factory=dict)
+    kept: Mapping[str, Range | None] = field(default_factory=dict)
+    sizes: tuple[Fraction, ...] = ()
 
     def tick(self) -> ModeTick:
         """Its tick on arrays of cells."""
@@ -76,8 +78,9 @@ class ModeLoop:
     def left(self, found: Images) -> str:
         """What further output leaves its range in images; empty if none does."""
         for name, boxes in found.kept.items():
-            low, high = self.kept[name]
-            for box in boxes:
+            ends = self.kept[name]
+            for box in boxes if ends else ():
+                low, high = ends
                 if not box.less_equal(high).low.all() or (box.less(low).high != 0).any():
                     return name
         return ""
@@ -242,24 +245,31 @@ def read_cells(given: Any, grid: Grid, modes: int) -> Cells:
 
 @dataclass
 class Reach:
-    """Ends of each real state over all that was reached, as rationals."""
+    """Ends of each real state and further output over all that was reached, as rationals."""
 
-    low: list[Fraction]
-    high: list[Fraction]
+    low: dict[str, Fraction]
+    high: dict[str, Fraction]
 
     @classmethod
     def of(cls, loop: ModeLoop) -> Reach:
         """That of the start."""
-        return cls([a for a, _ in loop.start], [b for _, b in loop.start])
+        ends = dict(zip(loop.reals, loop.start, strict=True))
+        return cls({k: a for k, (a, _) in ends.items()}, {k: b for k, (_, b) in ends.items()})
 
-    def add(self, found: Images) -> None:
+    def add(self, loop: ModeLoop, found: Images) -> None:
         """Take images in."""
         for boxes in (*found.between, found.reals):
-            for k, box in enumerate(boxes):
-                low, high = box.low.min(), box.high.max()
-                scale = 1 if isinstance(box, Boxes) else Fraction(1, 2**80)
-                self.low[k] = min(self.low[k], Fraction(low) * scale)
-                self.high[k] = max(self.high[k], Fraction(high) * scale)
+            for name, box in zip(loop.reals, boxes, strict=True):
+                self._take(name, box)
+        for name, boxes in found.kept.items():
+            for box in boxes:
+                self._take(name, box)
+
+    def _take(self, name: str, box: Any) -> None:
+        scale = 1 if isinstance(box, Boxes) else Fraction(1, 2**80)
+        low, high = Fraction(box.low.min()) * scale, Fraction(box.high.max()) * scale
+        self.low[name] = min(self.low.get(name, low), low)
+        self.high[name] = max(self.high.get(name, high), high)
 
 
 # ---- images ------------------------------------------------------------------------------------
@@ -351,7 +361,7 @@ def check_cells(loop: ModeLoop, grid: Grid, cells: Cells, kind: Any) -> Reach:
             if loop.left(found):
                 raise DoesNotHold(f"evidence: {loop.left(found)} is not in its range")
             _inside(cells, totals, grid, found.reals, found.modes)
-            reach.add(found)
+            reach.add(loop, found)
     return reach
 
 

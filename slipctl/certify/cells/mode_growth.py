@@ -87,7 +87,7 @@ class Growth:
             self.work.take(len(found.cell) * len(self.loop.code.steps) * self.loop.stride)
             if self.loop.left(found):
                 raise NoProof(f"{self.loop.left(found)} is farther off than it was taken to be")
-            self.reach.add(found)
+            self.reach.add(self.loop, found)
             low, high, out = self.grid.touched(found.reals)
             if out.any():
                 moved, pending = self._widened(low.min(axis=0), high.max(axis=0), pending)

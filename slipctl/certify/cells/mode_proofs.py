@@ -72,13 +72,17 @@ def find_cells(loop: ModeLoop, bounds: Bounds, runs: Runs, work: int = WORK) -> 
                       f" take {MOST_REALS} beside modes")  # fmt: skip
     left, best, why = Work(work), None, ""
     for name, (low, high) in bounds.items():
+        if name not in loop.reals:
+            continue
         k = loop.reals.index(name)
         if (high is not None and runs.high[k] > high) or (low is not None and runs.low[k] < low):
             raise NoProof(f"a run comes to {name} = {runs.high[k]:.4g}")
-    for many in CELLS[axes]:
+    span = np.maximum(runs.high - runs.low, 1e-6 * (1 + np.abs(runs.high)))
+    grids = [tuple(dyadic(s / many) for s in span) for many in CELLS[axes]]
+    for sizes in [loop.sizes] if loop.sizes else grids:
         begun = left.left
         try:
-            found = _grown(loop, bounds, runs, many, left)
+            found = _grown(loop, bounds, runs, sizes, left)
         except (NoProof, ArithmeticError) as error:
             why = why or str(error)
             if left.left < 0:
@@ -102,19 +106,20 @@ def _better(loop: ModeLoop, new: Found, old: Found | None) -> float:
     gains = []
     for name in loop.watched:
         k = loop.reals.index(name)
-        nearer = float(old.reach.high[k] - new.reach.high[k])
+        nearer = float(old.reach.high[name] - new.reach.high[name])
         gains.append(nearer / max(abs(new.runs.high[k]), 1e-9))
     return max(gains)
 
 
-def _grown(loop: ModeLoop, bounds: Bounds, runs: Runs, many: int, work: Work) -> Found:
-    """Set over a grid of so many cells along what runs visit.
+def _grown(
+    loop: ModeLoop, bounds: Bounds, runs: Runs, size: tuple[Fraction, ...], work: Work
+) -> Found:
+    """Set over a grid of cells of some size.
 
     Raises:
         NoProof: none was found.
     """
     span = np.maximum(runs.high - runs.low, 1e-6 * (1 + np.abs(runs.high)))
-    size = tuple(dyadic(s / many) for s in span)
     wide = np.array([float(s) for s in size])
 
     def cells_around(room: float) -> np.ndarray:
@@ -125,6 +130,8 @@ def _grown(loop: ModeLoop, bounds: Bounds, runs: Runs, many: int, work: Work) ->
     starts = np.array([[float(a), float(b)] for a, b in loop.start]).reshape(-1, 2).T
     (first, last), (low, high) = cells_around(WIDEST), cells_around(0.3)
     for name, (least, most) in bounds.items():
+        if name not in loop.reals:
+            continue
         k = loop.reals.index(name)
         if least is not None:
             first[k] = max(first[k], int(np.floor(float(least) / wide[k])) - 1)
@@ -146,10 +153,11 @@ def _keep(loop: ModeLoop, reach: Reach, bounds: Bounds) -> None:
         NoProof: it is not.
     """
     for name, (low, high) in bounds.items():
-        k = loop.reals.index(name)
-        if (low is not None and reach.low[k] < low) or (high is not None and reach.high[k] > high):
+        if (low is not None and reach.low[name] < low) or (
+            high is not None and reach.high[name] > high
+        ):
             raise NoProof(f"the cells that are proved reach to {name} ="
-                          f" {float(reach.high[k]):.4g}")  # fmt: skip
+                          f" {float(reach.high[name]):.4g}")  # fmt: skip
 
 
 def check_evidence(loop: ModeLoop, bounds: Bounds, given: Any) -> tuple[Reach, str]:

@@ -169,6 +169,8 @@ def replay_run(
     Raises:
         DoesNotHold: it is never beyond, or the run is not decided. BadInput: it is malformed.
     """
+    if state not in loop.reals:
+        raise DoesNotHold(f"run: no run is a counterexample for {state}")
     many = len(loop.reals)
     values = {}
     signs = rows(given["start"], "run.start", many, many)

@@ -7,13 +7,14 @@ vehicle. The height of the adhesion curve may change in any way from tick to tic
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
+from slipctl.certify.arithmetic.decimal_intervals import Interval
 from slipctl.certify.cells.mode_cells import ModeLoop
-from slipctl.certify.cells.switched_loop import Question, Stay, read_names
+from slipctl.certify.cells.switched_loop import Question, Range, Stay, read_names
 from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
 from slipctl.certify.promise import (
     INPUT,
@@ -28,7 +29,7 @@ from slipctl.certify.promise import (
     System,
     number_text,
 )
-from slipctl.certify.ticks.tick_code import read_code
+from slipctl.certify.ticks.tick_code import TickCode, read_code
 from slipctl.errors import BadInput
 
 SLIP = "s"
@@ -37,6 +38,11 @@ SLIP = "s"
 HEIGHT, PUSH, NOISE, LATE, STOP = "height", "w", "n", "late", "stop"
 """What pushes in a tick: height of the curve, push, noise, change of a command while it waits,
 and how far within a tick of its own a valve stops beyond the edge of its band."""
+
+ANY = ("brake", "supply", "fills", "vents", "less")
+"""What is anywhere from 0 to 1 in a tick, of an axle whose brake takes the bits of two valves: the
+torque within those of the dead time, the supply that is open, what flows in, what flows out, and
+the adhesion at a small slip."""
 
 NUMBERS = {
     "W": Number("m/s^2", "largest push", 0.0, "not negative", role=INPUT,
@@ -47,7 +53,7 @@ NUMBERS = {
                    says="a dead time of {}", absent="a dead time"),
     "T": Number("s", "sample period", role=INPUT, says="a tick of {}"),
     "least": Number("1", "least height of the adhesion curve over that of the file", role=INPUT,
-                    says="an adhesion curve of at least {} times its height"),
+                    says="an adhesion curve of at least {} times its height", lowest=True),
     "most": Number("1", "largest height of the adhesion curve over that of the file", role=INPUT,
                    says="at most {} times its height, changing in any way"),
     "v": Number("m/s", "speed of the vehicle"),
@@ -63,7 +69,7 @@ def push_ranges(n: Numbers) -> dict[str, tuple[Fraction, Fraction]]:
     return {HEIGHT: (Fraction(n["least"]), Fraction(n["most"])),
             PUSH: (-Fraction(n["W"]), Fraction(n["W"])),
             NOISE: (-Fraction(n["noise"]), Fraction(n["noise"])),
-            STOP: (Fraction(0), Fraction(1))}  # fmt: skip
+            **dict.fromkeys((STOP, *ANY), (Fraction(0), Fraction(1)))}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -139,7 +145,7 @@ def payload(loop: ModeLoop) -> dict[str, Any]:
         "start": [[str(a), str(b)] for a, b in loop.start], "begins": list(loop.begins),
         "stride": loop.stride,
         "late": [str(x) for x in loop.push[LATE]] if LATE in loop.push else None,
-        "kept": {k: [str(a), str(b)] for k, (a, b) in loop.kept.items()},
+        "kept": {k: v and [str(x) for x in v] for k, v in loop.kept.items()},
     }  # fmt: skip
 
 
@@ -159,25 +165,40 @@ def read_loop(given: Any, n: Numbers) -> ModeLoop:
         whole(b, "loop.begins", -(10**6), 10**6)
         for b in rows(entry["begins"], "loop.begins", len(modes), len(modes))
     )
-    kept = {k: _range(e, "loop.kept")
-            for k, e in read_mapping(entry["kept"], ("rate",), "loop.kept").items()}  # fmt: skip
+    told = read_mapping(entry["kept"], ("rate", SLIP), "loop.kept")
+    kept = {k: None if e is None and k == SLIP else _range(e, "loop.kept") for k, e in told.items()}
     push = push_ranges(n)
     ticks = -(-Fraction(n["dead"]) // Fraction(n["T"]))
-    if ticks and (entry["late"] is None or n["noise"]):
+    waits = entry["late"] is not None or f"d_{ANY[0]}" in code.inputs
+    if ticks and (not waits or n["noise"]):
         raise DoesNotHold("loop.late: a dead time, without what a command changes in it")
     if entry["late"] is not None:
         push[LATE] = _range(entry["late"], "loop.late")
-        low, high = kept.get("rate", (Fraction(0), Fraction(0)))
+        low, high = kept.get("rate") or (Fraction(0), Fraction(0))
         if "rate" not in kept or push[LATE][0] > -ticks * high or push[LATE][1] < -ticks * low:
             raise DoesNotHold("loop.late: a waiting command changes by more")
     push = {k: v for k, v in push.items() if f"d_{k}" in code.inputs}
     wanted = [*(f"x_{s}" for s in (*reals, *modes)), *(f"d_{p}" for p in push)]
     if sorted(wanted) != sorted(code.inputs) or set(code.outputs) != {*reals, *modes, *kept}:
         raise BadInput("loop: the tick has other inputs or outputs than its states")
-    if SLIP not in reals or start[reals.index(SLIP)] != (0, 0):
+    if SLIP not in {*reals, *kept} or not _begins_without_slip(code, reals, modes, start, begins):
         raise BadInput("loop: it is no loop of an axle that begins without slip")
     stride = whole(entry["stride"], "loop.stride", 1, 100)
     return ModeLoop(code, reals, modes, start, begins, push, (SLIP,), stride, kept)
+
+
+def _begins_without_slip(
+    code: TickCode, reals: tuple[str, ...], modes: tuple[str, ...], start: tuple[Range, ...],
+    begins: tuple[int, ...],
+) -> bool:  # fmt: skip
+    """Whether the slip is 0 at the start, as a state or as what follows from the states."""
+    if SLIP in reals:
+        return start[reals.index(SLIP)] == (0, 0)
+    values = dict.fromkeys(code.inputs, Interval.of(0, 40))
+    values |= {f"x_{m}": Interval.of(b, 40) for m, b in zip(modes, begins, strict=True)}
+    values |= {f"x_{k}": Interval.of(a, 40).hull(Interval.of(b, 40))
+               for k, (a, b) in zip(reals, start, strict=True)}  # fmt: skip
+    return code.run(values)[SLIP].ends() == (0, 0)
 
 
 def _range(given: Any, where: str) -> tuple[Fraction, Fraction]:
@@ -196,24 +217,19 @@ def _start(n: Numbers) -> str:
     )
 
 
-def slide_system(
-    build: Callable[[Numbers], ModeLoop] | None,
-    why: list[str] | None = None,
-    taken: Mapping[str, str] | None = None,
-) -> System:
+def slide_system(build: Callable[[Numbers], ModeLoop] | None) -> System:
     """System of a loop with modes; without ``build`` that of a file's own tick.
 
     Args:
-        build: makes the loop of the numbers. why: is filled where there is no proof.
-        taken: what the loop takes for granted, in words.
+        build: makes the loop of the numbers.
     """
-    question = SlideQuestion(build, [] if why is None else why)
+    question = SlideQuestion(build)
     return System(
         "slide_loop",
         "a controller with modes as it runs, behind its brake, on the adhesion curve: the slip"
         " never exceeds a bound; asked of a vehicle file, slipctl certify FILE.toml:LOOP",
         NUMBERS, {}, question.targets(), _start,
-        never=("between ticks; a speed, a demand or an offset of the reference speed that changes",
-               *(taken or {}).values()),
+        never=("between ticks; a speed, a demand or an offset of the reference speed that changes;"
+               " while a watchdog, or samples that are not believed, give the demand",),
         loop=question, time=lambda n: SAMPLED,
     )  # fmt: skip

@@ -137,7 +137,7 @@ class Question:
             return None
         reach, close = {}, False
         for x, (_, most) in self._bounds(n).items():
-            high = found.reach.high[loop.reals.index(x)]
+            high = found.reach.high[x]
             told = rounded_up(high + abs(high) / 10**9 + Fraction(1, 10**12), 12)
             if most is not None and told > most:  # within roundings of what is wanted
                 told, close = most, True
@@ -175,6 +175,8 @@ class Question:
         except NoProof:
             return None
         if limit is None:
+            return None
+        if state not in loop.reals:  # its pushes hold more than any axle does
             return None
         far, starts, signs = self.runs(loop).worst[state, 1]
         return run_entries(starts, signs) if far > float(limit) * (1 + 1e-9) else None

@@ -90,6 +90,16 @@ class _Session:
         return said
 
 
+def _operator(operation: str, turned: bool = False) -> Callable[[Symbol, Any], Symbol]:
+    """Method of an operation of two numbers, or of the two in the other order."""
+
+    def method(self: Symbol, other: Any) -> Symbol:
+        parts = (other, self) if turned else (self, other)
+        return self._made(operation, *parts)
+
+    return method
+
+
 class Symbol:
     """A number of a tick that is being read."""
 
@@ -111,29 +121,12 @@ class Symbol:
         at = [self._value(a) for a in args]
         return Symbol(self._session, folded_constant(self._session.writer, operation, at))
 
-    def __add__(self, o: Any) -> Symbol:
-        return self._made("add", self, o)
-
-    def __radd__(self, o: Any) -> Symbol:
-        return self._made("add", o, self)
-
-    def __sub__(self, o: Any) -> Symbol:
-        return self._made("sub", self, o)
-
-    def __rsub__(self, o: Any) -> Symbol:
-        return self._made("sub", o, self)
-
-    def __mul__(self, o: Any) -> Symbol:
-        return self._made("mul", self, o)
-
-    def __rmul__(self, o: Any) -> Symbol:
-        return self._made("mul", o, self)
-
-    def __truediv__(self, o: Any) -> Symbol:
-        return self._made("div", self, o)
-
-    def __rtruediv__(self, o: Any) -> Symbol:
-        return self._made("div", o, self)
+    __add__, __radd__ = _operator("add"), _operator("add", turned=True)
+    __sub__, __rsub__ = _operator("sub"), _operator("sub", turned=True)
+    __mul__, __rmul__ = _operator("mul"), _operator("mul", turned=True)
+    __truediv__, __rtruediv__ = _operator("div"), _operator("div", turned=True)
+    __lt__, __gt__ = _operator("less"), _operator("less", turned=True)
+    __le__, __ge__ = _operator("less_equal"), _operator("less_equal", turned=True)
 
     def __neg__(self) -> Symbol:
         return self._made("neg", self)
@@ -148,18 +141,6 @@ class Symbol:
         if modulo is not None or isinstance(n, bool) or not isinstance(n, int) or not 0 <= n <= 16:
             self._session.refuse("a power that is no whole number from 0 to 16")
         return Symbol(self._session, self._session.writer.power(self._at, n))
-
-    def __lt__(self, o: Any) -> Symbol:
-        return self._made("less", self, o)
-
-    def __le__(self, o: Any) -> Symbol:
-        return self._made("less_equal", self, o)
-
-    def __gt__(self, o: Any) -> Symbol:
-        return self._made("less", o, self)
-
-    def __ge__(self, o: Any) -> Symbol:
-        return self._made("less_equal", o, self)
 
     def __eq__(self, o: Any) -> Symbol:  # type: ignore[override]
         return self._made("equal", self, o)
