@@ -33,7 +33,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
     asked, ensemble = _world_of(options)
     study, case, loop = asked.study, asked.case, asked.loop
     name = f"{asked.home}:{loop}@{case.scenario.name}"
-    progress = Progress(4 if options.prove else 3, sys.stderr, options.quiet)
+    progress = Progress(5 if options.prove else 4, sys.stderr, options.quiet)
 
     def tell(line: str) -> None:
         progress.end()

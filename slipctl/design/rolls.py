@@ -49,9 +49,10 @@ class Rolls:
     def begin(self, stage: str, runs: int) -> None:
         """Say what the next runs are for, and how many there are at most."""
         self._stage, self._ended, self._runs = stage, 0, max(runs, 1)
-        self._advance(0)
+        self.advance(0)
 
-    def _advance(self, runs: int) -> None:
+    def advance(self, runs: int = 1) -> None:
+        """Say that so many of the runs have ended."""
         self._ended += runs
         if self._stage:
             self.progress(self._stage, min(self._ended / self._runs, 0.999))
@@ -68,7 +69,7 @@ class Rolls:
         """
         keys = [((stream * MANY) + number + 1) * MANY + k for number, _, k in asked]
         missing = {key: a for key, a in zip(keys, asked, strict=True) if key not in self._kept}
-        self._advance(len(keys) - len(missing))
+        self.advance(len(keys) - len(missing))
         if missing:
             self._run(stream, missing)
         if stream == 0:
@@ -128,4 +129,4 @@ class Rolls:
             with interrupts.hold_interrupts():
                 self.store.add([e for e, _ in found])
         self._kept |= {e.run: metrics for e, metrics in found}
-        self._advance(len(found))
+        self.advance(len(found))

@@ -241,38 +241,28 @@ def _found(search: Search, name: str, held_out: int, prove: bool) -> Tuned:
         rolls.begin("one number at a time", judgement.runs_of_slices(search))
         along = tuple(judgement.slices(search))
         rolls.end()
+        rolls.begin("margins of the certificates", 2 * len(found.promises.gains))
+        margins = _margins(found, best)
+        rolls.end()
         stated = statement.prove(search) if prove else None
         rolls.end()
     except KeyboardInterrupt:
         interrupts.note_interrupt()
-        raise Stopped(_with(found, search.best, None, ())) from None
-    return replace(_with(found, best, judged, along, stated), polished=polished)
+        raise Stopped(replace(found, gains=search.best.numbers)) from None
+    return replace(found, gains=best.numbers, judged=judged, slices=along, margins=margins,
+                   statement=stated, polished=polished)  # fmt: skip
 
 
-def _with(
-    found: Tuned, best: Candidate, judged: Judged | None, along: tuple[Slice, ...],
-    stated: Mapping[str, Any] | None = None,
-) -> Tuned:  # fmt: skip
-    """What was found, of this candidate, with the margins of both."""
+def _margins(found: Tuned, best: Candidate) -> dict[str, tuple[float, float]]:
+    """Margins of each certificate: tuned, and by hand."""
     margins = {}
-    if judged is not None:
-        tuned = found.loop.with_params(**best.numbers)
-        for g in found.promises.gains:
-            margins[g.name] = (
-                found.promises.margin(g, tuned),
-                found.promises.margin(g, found.loop),
-            )
-    return Tuned(
-        found.loop,
-        found.name,
-        found.frees,
-        best.numbers,
-        found.search,
-        judged,
-        along,
-        margins,
-        stated,
-    )
+    for g in found.promises.gains:
+        both = []
+        for loop in (found.loop.with_params(**best.numbers), found.loop):
+            both.append(found.promises.margin(g, loop))
+            found.search.rolls.advance()
+        margins[g.name] = (both[0], both[1])
+    return margins
 
 
 def _metrics_of_first(world: World, numbers: Mapping[str, float], samples: int) -> Any:
