@@ -208,3 +208,18 @@ def test_a_law_without_slip_has_no_reach():
         equation_files.block({"mu": "x", "inputs": {"x": "1"}, "meant_to": "locked"}, "law")
     assert slip_input(from_text("mu = x where x [1]")) is None
     assert slip_input(from_text("mu = lam where lam [1]")) == "lam"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a = 1\na = 2\n", "line 2: this key stands twice"),
+        ("[a]\n[a]\n", "line 2: this table stands twice"),
+        ("mass = 38 t\n", "line 1: behind a value nothing may stand; write .* in quotes"),
+        ("mass =\n", "line 1: no value can be read here"),
+        ("= 3\n", "Invalid statement .at line 1"),
+    ],
+)
+def test_a_text_that_is_no_toml_is_told_with_its_line(text: str, said: str) -> None:
+    with pytest.raises(BadInput, match=said):
+        equation_files.content_of_text("my.toml", text)

@@ -166,7 +166,7 @@ def test_what_a_run_does_not_come_to_is_told(tmp_path):
     case = trips.case(made, "base")
     told = simulate(case.loops["none"], case.scenario, compile=False).attrs["told"]
     assert "1 of 2 sections of the rail begin at 45000 m" in told
-    assert "reaches 5000, which it does not" in told
+    assert "never reaches 5000, where the run was to end" in told
     late = trip(tmp_path, demand='deceleration = "1.2 m/s^2"\nuntil = "12 s"')
     assert study(late).without_effect == (
         "demand.until: 12 s is not before the end of the run, 1 s",

@@ -165,6 +165,10 @@ UNUSUAL = {
         {'torque = "8 kN m"': 'torque = "32 kN m"'},
         "all axles together give 8.02 m/s.2, more than any rail carries",
     ),
+    "noise": (
+        {'deviation = "0.05 m/s"': 'deviation = "5 m/s"'},
+        "sensors.vehicle_speed.deviation: 5 m/s; of speed sensors",
+    ),
     "just not heavy": ({'mass = "38 t"': 'mass = "159 t"'}, None),
     "turning": (
         {'inertia = "110 kg m^2"': 'inertia = "700 kg m^2"'},

@@ -41,6 +41,10 @@ SPARSE = 0.05
 """Time in s between two teeth at the speed of the start."""
 
 
+NOISY = 1.0
+"""Standard deviation in m/s of a measured speed: 0.3 of a poor radar."""
+
+
 def unusual_numbers(trip: Trip) -> Iterator[str]:
     """What of a trip no train has, a line each."""
     vehicle = trip.vehicle
@@ -133,6 +137,10 @@ def _measured(trip: Trip) -> Iterator[str]:
         yield f"reference.slip: {goal.slip:g} m/s is above the vehicle's speed; a wheel locks first"
     if isinstance(goal, SlipRatio) and max(goal.each) > 0.5:
         yield f"reference.slip: {max(goal.each):g} of the speed; slip laws hold 0.01 to 0.3"
+    for name in ("wheel_speed", "vehicle_speed"):
+        noise = getattr(getattr(trip.sensors, name), "deviation", 0.0)
+        if noise > NOISY:
+            yield f"sensors.{name}.deviation: {noise:g} m/s; of speed sensors it is 0.3 or less"
     if isinstance(part, ToothWheel) and vehicle.speed > 0:
         apart = 6.283 * vehicle.wheel_radius / part.teeth / vehicle.speed
         if apart > SPARSE:

@@ -328,8 +328,8 @@ def _unreached(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
         return
     if not end.there(np.asarray(log[end.signal]).reshape(len(time), -1)).any():
         yield (
-            f"the run was to end where {end.signal} reaches {end.above:g}, which it does not; the"
-            f" run ends with its duration, {scenario.duration:g} s"
+            f"{end.signal} never reaches {end.above:g}, where the run was to end; it ends after its"
+            f" duration, {scenario.duration:g} s"
         )
 
 

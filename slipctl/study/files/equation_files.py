@@ -86,8 +86,27 @@ def content_of_text(path: str, text: str) -> dict[str, Any]:
         raise BadInput(f"{path} has {len(text)} letters; such a file has at most {LARGEST}")
     try:
         return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise BadInput(f"{path}: {error or 'it is nested too deeply'}") from None
+    except RecursionError:
+        raise BadInput(f"{path}: it is nested too deeply") from None
+    except ValueError as error:
+        raise BadInput(_said(path, str(error))) from None
+
+
+SAID = {
+    "Cannot overwrite a value": "this key stands twice; remove one of both",
+    "Cannot declare": "this table stands twice; remove one of both",
+    "Expected newline": "behind a value nothing may stand; write a number with its unit in quotes,"
+    ' such as "38 t"',
+    "Invalid value": "no value can be read here; write a text or a number with its unit in quotes",
+}
+"""What is wrong with a TOML text, by the words of its reader."""
+
+
+def _said(path: str, error: str) -> str:
+    """A fault of a TOML text with its line, where the reader tells one."""
+    what = next((said for words, said in SAID.items() if error.startswith(words)), "")
+    line = re.search(r"\(at line (\d+)", error)
+    return f"{path}, line {line[1]}: {what}" if line and what else f"{path}: {what or error}"
 
 
 def block(content: Mapping[str, Any], name: str, where: Any = None) -> Block:
