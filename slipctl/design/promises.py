@@ -106,9 +106,7 @@ def with_margin(
     bounds = [k for k in inputs if system.numbers[k].unit != "s"] or inputs
     by = Fraction(margin).limit_denominator(10**6)
     lowest = {k for k in bounds if system.numbers[k].lowest and numbers[k] > 0}
-    return {
-        k: v / by if k in lowest else v * by if k in bounds else v for k, v in numbers.items()
-    }
+    return {k: v / by if k in lowest else v * by if k in bounds else v for k, v in numbers.items()}
 
 
 def promises_of_loop(gains: Sequence[Gains], loop: str, scenario: str) -> tuple[Gains, ...]:
