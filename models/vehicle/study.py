@@ -9,7 +9,7 @@ from typing import Any
 from slipctl.models.vehicle.certificate import axle_loops
 from slipctl.models.vehicle.certificate.gains import gains, reasons_without_certificate
 from slipctl.models.vehicle.contamination import patches_of_seed
-from slipctl.models.vehicle.parts import Air, Drawn, Trip, number_with_unit
+from slipctl.models.vehicle.parts import Air, Drawn, SlideProtection, Trip, number_with_unit
 from slipctl.models.vehicle.parts.plausibility import unusual_numbers
 from slipctl.models.vehicle.trip import CLEAN, case, clean_case
 from slipctl.run.roles import Signals
@@ -149,10 +149,10 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         ) if there
     ]  # fmt: skip
     if unlike:
-        valves = unlike[0] in (NO_LAYER, BITS)
-        asked: tuple[Gains, ...] = axle_loops.gains_behind_valves(trip) if valves else ()
-        have = {g.loop for g in asked}
-        why = {k: unlike[0] for k in trip.controllers if k not in have}
+        valves = (SlideProtection,) if unlike[0] in (NO_LAYER, BITS) else ()
+        asked: tuple[Gains, ...] = axle_loops.gains(trip, valves)
+        why = dict.fromkeys(trip.controllers, unlike[0])
+        why = axle_loops.reasons_without_certificate(trip, why, valves)
     else:
         asked, why = (*gains(trip), *axle_loops.gains(trip)), reasons(trip)
     return Study(

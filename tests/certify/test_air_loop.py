@@ -158,3 +158,16 @@ def test_the_slide_protection_of_emu_locks_no_wheel(tmp_path, monkeypatch):
     bad["asked"]["band"]["value"] = "6"
     with pytest.raises((DoesNotHold, BadInput)):
         proofs.check(catalogue.OF_LOOPS["slide_loop"], bad)
+
+
+def test_load_that_moves_and_pads_are_told_instead_of_left_out(tmp_path, monkeypatch):
+    """A vehicle whose torque or load differs from what is proved has a reason, no certificate."""
+    monkeypatch.chdir(tmp_path)
+    subprocess.run([sys.executable, "-m", "slipctl", "new", "emu"], check=True, capture_output=True)
+    text = (tmp_path / "emu.toml").read_text(encoding="utf-8")
+    more = text.replace('length = "20 m"', 'length = "20 m"\nheight = "1.6 m"')
+    (tmp_path / "emu.toml").write_text(more, encoding="utf-8")
+    study = resolve.load_study("emu.toml")
+    assert not [g for g in study.gains if g.loop == "wsp"]
+    assert "load moves" in study.uncertified["wsp"]
+    assert "contaminated" in study.uncertified["pi"]

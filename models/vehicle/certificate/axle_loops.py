@@ -92,16 +92,17 @@ def gains(trip: Trip, of: tuple[type, ...] = (SlipLaw, OwnLaw)) -> tuple[Gains, 
     return tuple(found)
 
 
-def gains_behind_valves(trip: Trip) -> tuple[Gains, ...]:
-    """Certificates of the slide protections of a trip that brakes by air."""
-    return gains(trip, (SlideProtection,))
+def reasons_without_certificate(
+    trip: Trip, otherwise: Mapping[str, str], of: tuple[type, ...] = (SlipLaw, OwnLaw)
+) -> dict[str, str]:
+    """Why a controller has no certificate, by its name.
 
-
-def reasons_without_certificate(trip: Trip, otherwise: Mapping[str, str]) -> dict[str, str]:
-    """Why a controller has no certificate, by its name; ``otherwise`` says it of the others."""
+    Args:
+        trip: the trip. otherwise: says it of the others. of: kinds of controllers.
+    """
     found = dict(otherwise)
     for name, part in trip.controllers.items():
-        if is_asked(trip, part):
+        if isinstance(part, of) and is_asked(trip, part):
             found.pop(name, None)
             some, why = _on_rails(trip, part)  # type: ignore[arg-type]
             if not some:
@@ -118,7 +119,8 @@ def _on_rails(
     it is run; no run is refused for a certificate that nobody asked for.
     """
     if isinstance(part, SlideProtection):
-        return [_AskedValves(trip, part)], ""
+        why = _beside_valves(trip)
+        return ([], why) if why else ([_AskedValves(trip, part)], "")
     kind = _AskedModes if has_modes(trip, part) else _Asked
     try:
         law = rail_law(trip)
@@ -311,6 +313,18 @@ def _demand(trip: Trip, n: Mapping[str, float]) -> float:
     return n["r"] * n["m"] * level / many + n["J"] * level / n["r"]
 
 
+def _beside_valves(trip: Trip) -> str:
+    """What a vehicle has that the proof behind two valves does not take; empty if nothing."""
+    vehicle = trip.vehicle
+    if any(vehicle.each_pads):
+        return (
+            "the friction of its pads changes, and the proof takes a torque by the pressure alone"
+        )
+    if any(vehicle.moved):
+        return "load moves between its axles; leave out height to ask without that"
+    return ""
+
+
 S_1 = 0.1
 """Slip in m/s from which a slide protection is asked with the least adhesion of the rail."""
 
@@ -356,7 +370,8 @@ class _AskedValves:
                 ends.append((low * height * alone, high * height))
         scales = np.prod([[*self.over.scale[k[0]]] for k in self.over.together], axis=0)
         low, high = min(a for a, _ in ends), max(b for _, b in ends)
-        return float(low * np.min(scales)), float(high * np.max(scales))
+        loads = np.array(vehicle.carried) / np.mean(vehicle.carried)
+        return float(low * np.min(scales) * loads.min()), float(high * np.max(scales) * loads.max())
 
     def numbers(self, loop: Block) -> dict[str, float]:
         """Numbers of a ``slide_loop``; the curve of height 1 carries the most at every slip."""

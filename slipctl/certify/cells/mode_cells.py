@@ -79,8 +79,10 @@ class ModeLoop:
         """What further output leaves its range in images; empty if none does."""
         for name, boxes in found.kept.items():
             ends = self.kept[name]
-            for box in boxes if ends else ():
-                low, high = ends
+            if ends is None:
+                continue
+            low, high = ends
+            for box in boxes:
                 if not box.less_equal(high).low.all() or (box.less(low).high != 0).any():
                     return name
         return ""
