@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -178,6 +179,12 @@ def closed_loop(
     study, (loop, case) = asked.study, asked.chosen
 
     def compared(module: CModule, params: Mapping[str, Any]) -> dict[str, Any]:
+        block = runs_of_part(loop, part).block
+        if len(module.block.outputs) < len(block.outputs):  # the metrics need what is measured, too
+            with tempfile.TemporaryDirectory(prefix="slipctl_") as folder:
+                module = codegen.c_module(block, folder, period=block.period, real="float")
+                module = module.compile().load()
+
         def board(seed: int | None) -> HostModule:
             return HostModule(module.reset(**params), seed)
 

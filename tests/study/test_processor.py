@@ -154,6 +154,7 @@ def test_a_controller_that_is_another_one_in_float_fails_by_its_command(float_lo
     compared, module, params = float_loop
 
     class Halved:
+        block = module.block
         reset = staticmethod(lambda **p: module.reset(**p) and Halved())
 
         def __init__(self):
