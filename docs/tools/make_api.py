@@ -73,7 +73,9 @@ def own(module: ModuleType) -> Iterator[tuple[str, Any]]:
         if name.startswith("_"):
             continue
         is_block = isinstance(value, slipctl.Block)
-        if is_block or (inspect.isfunction(value) and value.__module__ == module.__name__):
+        if is_block or (
+            inspect.isfunction(inspect.unwrap(value)) and value.__module__ == module.__name__
+        ):
             yield name, value
 
 
