@@ -305,7 +305,6 @@ class Signal:
 
     @property
     def _range(self) -> str:
-        """Range in words; a pure number has no unit."""
         return f"[{self.lo:g}, {self.hi:g}]" + ("" if self.unit == "1" else f" {self.unit}")
 
     def check(self, where: str, value: Any) -> np.ndarray:

@@ -25,9 +25,9 @@ from slipctl import (
     step,
 )
 from slipctl.block.block import Block
-from slipctl.block.curves import places_of
 from slipctl.block.text.named_expressions import evaluate
 from slipctl.block.units.unit_algebra import unit
+from slipctl.ccode.module.curves import places_of
 
 
 @law(y=Output("m", "out"))

@@ -14,9 +14,9 @@ import casadi as ca
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.block.curves import places_of
 from slipctl.block.signals import Signal
 from slipctl.ccode.module.comments import ascii_text
+from slipctl.ccode.module.curves import places_of
 from slipctl.ccode.tree.expressions import number
 from slipctl.ccode.tree.nodes import Node, assign
 from slipctl.ccode.tree.parser import code, expression

@@ -14,9 +14,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from slipctl.block.curves import places_of
 from slipctl.ccode.module import guard
 from slipctl.ccode.module.comments import ascii_text
+from slipctl.ccode.module.curves import places_of
 from slipctl.ccode.module.header import CONTENT, statuses
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan, first_sentence
