@@ -158,6 +158,7 @@ def attack(cases: int, seed: int) -> list[tuple[list[str], str]]:
         warnings.simplefilter("ignore")
         os.chdir(folder)
         try:
+            read_log(LOG)  # imports are no time of a case
             for k in range(cases):
                 kind = rng.choice(list(KINDS))
                 make, read = KINDS[kind]
