@@ -27,7 +27,7 @@ from slipctl import (
 from slipctl.block.block import Block
 from slipctl.block.text.named_expressions import evaluate
 from slipctl.block.units.unit_algebra import unit
-from slipctl.ccode.module.curves import places_of
+from slipctl.ccode.module.layout import places_of
 
 
 @law(y=Output("m", "out"))

@@ -112,7 +112,7 @@ def test_a_file_declares_its_ensemble(tmp_path):
     path.write_text(without + table, encoding="utf-8")
     found = resolve.load_study(str(path)).ensembles["base"]
     assert (found.seeds, found.draw, found.scale) == (True, {"m": "36t:42t"}, {})
-    assert "wanted" in told(tmp_path, without + "[ensemble]\nseeds = true\ndraw = 3\n")[0]
+    assert "write a table" in told(tmp_path, without + "[ensemble]\nseeds = true\ndraw = 3\n")[0]
     assert "empty" in told(tmp_path, without + "[ensemble]\n")[0]
 
 

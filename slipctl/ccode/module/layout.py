@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
@@ -16,7 +16,6 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.block.signals import Signal
 from slipctl.ccode.module.comments import ascii_text
-from slipctl.ccode.module.curves import places_of
 from slipctl.ccode.tree.expressions import number
 from slipctl.ccode.tree.nodes import Node, assign
 from slipctl.ccode.tree.parser import code, expression
@@ -357,3 +356,37 @@ def started_copies(m: Member, pointer: str, values: Sequence[Node]) -> list[Node
     rest = f"for (int k = 1; k < {m.size}; ++k) {{ if ((k % {rows}) != 0) {{" \
            f" {array}[k] = {array}[k - 1]; }} }}"  # fmt: skip
     return [*heads, *code(rest)]
+
+
+def places_of(params: Mapping[str, Signal], name: str) -> tuple[str, ...]:
+    """Parameters of the places over which a table is, one for each axis; none if it is no table.
+
+    A part tells the name as it has it. In the whole it is another, or shared with other parts.
+
+    Raises:
+        BadInput: there are no such places, or another number of them.
+    """
+    table = params[name]
+    axes = (table.over,) if isinstance(table.over, str) else table.over
+    if axes == ("",):
+        return ()
+    if len(axes) != len(table.shape):
+        raise BadInput(
+            f"{name} has shape {table.shape} and is a table over {len(axes)} axes; name"
+            f" {len(table.shape)}, over=(..., ...)"
+        )
+    return tuple(
+        _place(params, name, axis, (n,)) for axis, n in zip(axes, table.shape, strict=True)
+    )
+
+
+def _place(params: Mapping[str, Signal], name: str, axis: str, shape: tuple[int, ...]) -> str:
+    path = name.split(".")[:-1]
+    found = [".".join([*path[:k], axis]) for k in range(len(path), -1, -1)]
+    there = next((n for n in found if n in params), "")
+    if not there or not params[there].rising or params[there].shape != shape:
+        raise BadInput(
+            f"{name} is a table over {axis!r}, which is no parameter of as many places;"
+            f" declare {axis} = Param(..., shape={shape}, rising=True)"
+        )
+    return there

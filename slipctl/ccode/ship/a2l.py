@@ -16,9 +16,8 @@ from collections.abc import Iterable
 
 from slipctl.ccode.module import guard
 from slipctl.ccode.module.comments import ascii_text
-from slipctl.ccode.module.curves import places_of
 from slipctl.ccode.module.header import CONTENT, statuses
-from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.layout import Member, places_of
 from slipctl.ccode.module.plan import Plan, first_sentence
 from slipctl.ccode.passes.precision import size
 from slipctl.ccode.tree.expressions import number
