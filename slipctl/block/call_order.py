@@ -135,22 +135,19 @@ def dependence_of_parts(
         outer: what feeds the outputs that it has besides those of its parts.
     """
     inputs = {s.name: s for s in signals if s.role == "input"}
-    own = rows_by_signal(inputs, np.eye(total_size(inputs.values()), dtype=bool))
-    none = np.zeros((total_size(inputs.values()),), dtype=bool)
-    found: dict[End, np.ndarray] = {}
+    width = total_size(inputs.values())
+    own = rows_by_signal(inputs, np.eye(width, dtype=bool))
+    # a state depends on no input, and what is called does not need what is not known yet
+    found: dict[End, np.ndarray] = {
+        (b, n): np.zeros((s.size, width), dtype=bool)
+        for b, block in blocks.items()
+        for n, s in {**block.states, **block.outputs}.items()
+    }
+    nothing = np.zeros((0, width), dtype=bool)
     for b, outputs, _ in plan:
-        fed = [
-            own[free[b, n]]
-            if (b, n) in free
-            else found.get(inner[b, n], np.tile(none, (s.size, 1)))
-            for n, s in blocks[b].inputs.items()
-        ]
-        through = blocks[b].dependence() @ np.vstack([none[None][:0], *fed])
-        each = rows_by_signal(blocks[b].outputs, through)
+        block = blocks[b]
+        fed = [own[free[b, n]] if (b, n) in free else found[inner[b, n]] for n in block.inputs]
+        each = rows_by_signal(block.outputs, block.dependence() @ np.vstack([nothing, *fed]))
         found |= {(b, n): each[n] for n in outputs}
     of_parts = [found[b, n] for b, block in blocks.items() for n in block.outputs]
-    of_outer = [
-        found[b, n] if (b, n) in found else np.tile(none, (blocks[b].states[n].size, 1))
-        for b, n in outer
-    ]
-    return np.vstack([none[None][:0], *of_parts, *of_outer])
+    return np.vstack([nothing, *of_parts, *(found[end] for end in outer)])

@@ -21,12 +21,14 @@ import numpy as np
 from slipctl import Block, Input, Output, Param, State, make_block
 from slipctl.block.block import Exprs
 from slipctl.block.text.expression import interpolated
-from slipctl.models.common_form import ADDED
 from slipctl.models.vehicle.slip.train_slip import (
-    LEAST_RATIO,
     NODES,
     heights_of_curves,
+    largest_ratio,
+    learnt_factor,
+    numbers_of_cleaning,
     numbers_of_curve,
+    roots_of_ratios,
 )
 
 LOOKED_AT = 13
@@ -68,7 +70,6 @@ def train_plan(layer: Block, clean: Block, axles: int, *, learn: bool = False) -
             dict(value=x["value"], rate=rate),
         )  # fmt: skip
 
-    factor = Input("1", "factor on the strength, as it is learnt").named("factor")
     value = {"shape": (NODES.size, axles), "lo": 0, "hi": 100.0}
     says = "adhesions of those behind, over the share that an axle leaves"
     return make_block(
@@ -79,15 +80,10 @@ def train_plan(layer: Block, clean: Block, axles: int, *, learn: bool = False) -
                   lo=0, hi=max(axles - 1, 1)).named("turn"),
         ],
         inputs=[Input("m/s", "vehicle speed that is believed").named("v"),
-                *([factor] if learn else [])],
+                *([learnt_factor()] if learn else [])],
         params=[
-            Param("m/J", 1e-4, "strength of the cleaning, as believed", "of the trip", lo=0,
-                  hi=1).named("strength"),
-            Param("1", 1.0, "share of it that is counted on", "of the trip", lo=0,
-                  hi=1).named("caution"),
-            Param("N", 6e4, "load of a wheel", ADDED, lo=500, hi=5e5).named("load"),
-            Param("1", 0.3, "largest slip over speed", "of the trip", lo=0.02,
-                  hi=0.9).named("slip"),
+            *numbers_of_cleaning(),
+            largest_ratio(),
             Param("1", 0.1, "adhesion that the brake can hold", "of the trip", lo=1e-3,
                   hi=2).named("most"),
             *(s for rows in known for s in rows.values()),
@@ -106,8 +102,7 @@ def _heights(curves: tuple[Block, Block], known: list[dict[str, Param]]) -> ca.F
     numbers = [s.name for rows in known for s in rows.values()]
     values = ca.SX.sym("numbers", len(numbers))
     p = dict(zip(numbers, ca.vertsplit(values), strict=True))
-    low_root = LEAST_RATIO**0.5
-    roots = [low_root + k * (slip**0.5 - low_root) / (LOOKED_AT - 1) for k in range(LOOKED_AT)]
+    roots = roots_of_ratios(slip, LOOKED_AT)
     rows = [heights_of_curves(curves, known, p, z * z, v) for z in roots]
     return ca.Function(
         "heights", [slip, v, values],

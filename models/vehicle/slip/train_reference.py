@@ -54,11 +54,11 @@ def believed_train(trip: Trip, part: TrainSlip) -> SlidingTrain:
     )  # fmt: skip
 
 
-def counted_share(trip: Trip, part: TrainSlip) -> float:
+def counted_share(train: SlidingTrain, trip: Trip, part: TrainSlip) -> float:
     """Share of the believed strength that a train counts on."""
     if part.caution is not None:
         return part.caution
-    return cautious_share(believed_train(trip, part), max(trip.vehicle.speed, 5.0), part.within)
+    return cautious_share(train, max(trip.vehicle.speed, 5.0), part.within)
 
 
 def train_reference(trip: Trip, part: TrainSlip) -> Block:
@@ -73,7 +73,7 @@ def train_reference(trip: Trip, part: TrainSlip) -> Block:
     if part.plan:
         return block
     return block.with_params(
-        strength=train.tau, load=train.load, caution=counted_share(trip, part)
+        strength=train.tau, load=train.load, caution=counted_share(train, trip, part)
     )  # fmt: skip
 
 
@@ -82,8 +82,8 @@ def plan_of_axles(trip: Trip, part: TrainSlip) -> Block:
     train = believed_train(trip, part)
     block = train_plan(train.fouled, train.clean, train.axles, learn=part.learn)
     return block.with_params(
-        strength=train.tau, load=train.load, caution=counted_share(trip, part), slip=part.slip,
-        most=train.most,
+        strength=train.tau, load=train.load, slip=part.slip, most=train.most,
+        caution=counted_share(train, trip, part),
     )  # fmt: skip
 
 

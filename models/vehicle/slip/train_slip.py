@@ -95,8 +95,7 @@ def train_slip(layer: Block, clean: Block, *, learn: bool = False, plan: bool = 
 
     def best_ratio(u: Exprs, p: Exprs, v: Any, share: Any) -> Any:
         """Slip ratio of the largest worth."""
-        root = [LEAST_RATIO**0.5 + k * (p["slip"] ** 0.5 - LEAST_RATIO**0.5) / (POINTS - 1)
-                for k in range(POINTS)]  # fmt: skip
+        root = roots_of_ratios(p["slip"], POINTS)
         rows = [heights(p, z * z, v) for z in root]
         mu_d, mu_r = (
             ca.mmax(ca.vertcat(*[r[0] for r in rows])),
@@ -147,6 +146,33 @@ def train_slip(layer: Block, clean: Block, *, learn: bool = False, plan: bool = 
     )
 
 
+def roots_of_ratios(slip: Any, many: int) -> list[Any]:
+    """Roots of the slip ratios that are looked at, up to the largest, denser at small ones."""
+    low = LEAST_RATIO**0.5
+    return [low + k * (slip**0.5 - low) / (many - 1) for k in range(many)]
+
+
+def numbers_of_cleaning() -> list[Param]:
+    """What is believed of the cleaning: c tau N."""
+    return [
+        Param("m/J", 1e-4, "strength of the cleaning, as believed", "of the trip", lo=0,
+              hi=1).named("strength"),
+        Param("1", 1.0, "share of it that is counted on", "of the trip", lo=0,
+              hi=1).named("caution"),
+        Param("N", 6e4, "load of a wheel", ADDED, lo=500, hi=5e5).named("load"),
+    ]  # fmt: skip
+
+
+def largest_ratio() -> Param:
+    """Limit of the slip over the speed."""
+    return Param("1", 0.3, "largest slip over speed", "of the trip", lo=0.02, hi=0.9).named("slip")
+
+
+def learnt_factor() -> Input:
+    """Factor on the strength."""
+    return Input("1", "factor on the strength, as it is learnt").named("factor")
+
+
 def _signals(known: list[dict[str, Param]], learn: bool, plan: bool) -> dict[str, list[Any]]:
     """Signals of the reference by role.
 
@@ -154,7 +180,6 @@ def _signals(known: list[dict[str, Param]], learn: bool, plan: bool) -> dict[str
         known: numbers of both curves. learn: whether the strength has a factor.
         plan: whether a plan stands for all that is known of the axles behind.
     """
-    factor = Input("1", "factor on the strength, as it is learnt").named("factor")
     of_plan = [
         Input("1", "adhesions of those behind, over the share that it leaves",
               shape=NODES.shape).named("value"),
@@ -163,12 +188,8 @@ def _signals(known: list[dict[str, Param]], learn: bool, plan: bool) -> dict[str
     ]  # fmt: skip
     of_law = [
         Param("1", 0.0, "braked axles behind this one", ADDED, lo=0, hi=31).named("behind"),
-        Param("m/J", 1e-4, "strength of the cleaning, as believed", "of the trip", lo=0,
-              hi=1).named("strength"),
-        Param("1", 1.0, "share of it that is counted on", "of the trip", lo=0,
-              hi=1).named("caution"),
-        Param("N", 6e4, "load of a wheel", ADDED, lo=500, hi=5e5).named("load"),
-    ]  # fmt: skip
+        *numbers_of_cleaning(),
+    ]
     return dict(
         states=[
             State("1", 0.0, "product of what was measured and the difference of both curves",
@@ -181,12 +202,11 @@ def _signals(known: list[dict[str, Param]], learn: bool, plan: bool) -> dict[str
             Input("m/s", "vehicle speed that is believed").named("v"),
             Input("1", "mean adhesion over a window", positive="braking").named("mu"),
             Input("m/s", "mean slip speed over it", positive="braking", per="speed").named("v_s"),
-            *(of_plan if plan else [factor] if learn else []),
+            *(of_plan if plan else [learnt_factor()] if learn else []),
         ],
         params=[
             *([] if plan else of_law),
-            Param("1", 0.3, "largest slip over speed", "of the trip", lo=0.02,
-                  hi=0.9).named("slip"),
+            largest_ratio(),
             Param("m/s", 0.2, "slip that it does not fall below", "of the trip", lo=0.01,
                   hi=5).named("least"),
             Param("s", 0.5, "time over which the share is learnt", ADDED, lo=1e-3,
