@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -102,12 +103,9 @@ def connect(
     def rebuild(parts: dict[str, Block], changed: Mapping[str, Share] | None = None) -> Block:
         return connect(name, wires, share=given if changed is None else changed, **parts)
 
-    made_of = Composition(
-        dict(blocks), rebuild, dict(wires), prefixed=True, sharing=sharing, by_structure=True,
-        dependence=lambda: dependence_of_parts(
-            blocks, plan, inner, free, signals, outer_outputs.values()
-        ),
-    )  # fmt: skip
+    uses = partial(dependence_of_parts, blocks, plan, inner, free, signals, outer_outputs.values())
+    made_of = Composition(dict(blocks), rebuild, dict(wires), prefixed=True, sharing=sharing,
+                          by_structure=True, dependence=uses)  # fmt: skip
     return Block(
         name, kind, body, signals, period=period, doc=f"Connection of {', '.join(blocks)}.",
         sx=all(block.sx for block in blocks.values()),

@@ -6,8 +6,8 @@ with the filter's K, and a tick T later
 
     f+ = f - T a,    a+ = (1 - T/K) a - (s+ - s)/K.
 
-So while the rim runs up (a > 0, which is what lets the machine hold) f falls, whatever the adhesion
-does, and while it does not the machine vents and the pressure falls. A cell needs its edge at
+While the rim runs up (a > 0, which lets the machine hold), f falls whatever the adhesion does.
+While it does not, the machine vents and the pressure falls. A cell needs its edge at
 a = 0 for that, and cells of pressure that are smaller than what a tick of venting takes.
 
 Beyond the slip ``s_1`` adhesion takes from ``least`` to ``most`` in m/s^2, anew in each tick, and

@@ -413,9 +413,9 @@ class _AskedValves:
     def words(self) -> str:
         """Where the bounds are from."""
         said = (f"at {3.6 * self.over.speed:.4g} km/h; a curve of height 1 is the largest adhesion"
-                f" of any rail of the file; from a slip of {S_1:g} m/s it carries at least what the"
-                f" worst rail, layer and load do; a push of {self.trip.certify.push:g} m/s^2"
-                " ([certify] push), resistance and gradient")  # fmt: skip
+                f" of any rail of the file. From a slip of {S_1:g} m/s on it carries at least"
+                " what the worst rail, layer and load do. Beside that: resistance, gradient and"
+                f" a push of {self.trip.certify.push:g} m/s^2 ([certify] push)")  # fmt: skip
         asked = "" if self.trip.certify.slip is not None else (
             "; asked is that no wheel locks, [certify] slip asks for less")  # fmt: skip
         return said + asked

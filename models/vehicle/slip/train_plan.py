@@ -1,15 +1,14 @@
 """Slips of all axles of a train by a plan over the axles, solved anew while it brakes.
 
 Over one rail point the axles pass one after the other at nearly one speed, and they touch no other
-point there. So what the train does best over a whole stop is done point by point: the state is the
-share q of the clean curve, and it moves from axle to axle, not from tick to tick. With m axles
-behind,
+point there. So the best of a whole stop is sought point by point. The state is the share q of the
+clean curve; it moves from axle to axle, not from tick to tick. With m axles behind,
 
     V_m(q) = max over e of  f(e, q) + V_(m-1)(q'),    1 - q' = (1 - q) exp(-c tau N f e)
 
 and V_(-1) = 0. f is (1 - q) f_layer + q f_clean, at most what the brake can hold. A tick works out
-one V over the nodes of q, at the speed of that tick, so a train of n axles has the whole plan anew
-after n - 1 ticks; it passes a metre or two meanwhile. Each axle then seeks the largest
+one V over the nodes of q, at the speed of that tick. A train of n axles has the whole plan anew
+after n - 1 ticks, which is a metre or two of way. Each axle then seeks the largest
 f + V_m(q') at the share that it measures (:mod:`~slipctl.models.vehicle.slip.train_slip`).
 """
 
