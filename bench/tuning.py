@@ -45,7 +45,7 @@ def tuned(name: str, samples: int, held_out: int, runs: int | None = None) -> Tu
     return tune(
         loop, FREE[name], "distance", study.ensembles[scenario], scenario=case.scenario,
         signals=study.signals, known=case.known,
-        gains=promises_of_loop(study.gains, loop_name, scenario),
+        gains=promises_of_loop(study.certificates.gains, loop_name, scenario),
         samples=samples, held_out=held_out, runs=runs, controller=study.controller,
     )  # fmt: skip
 

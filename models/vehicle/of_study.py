@@ -346,14 +346,14 @@ def study(trip: StudyTrip, name: str = "trip", source: str = "a loop of a study"
         return [own.own_case(quick)]
 
     by_loop = {loop: n for n, loop in reading.asked.items()}
-    where = reading.case.scenario.name
+    where, asked = reading.case.scenario.name, base.certificates
     return replace(
         base, name=name, title=trip.title, source=f"{source}; {base.source}", cases=cases,
         experiments={}, claims=(), short="", headline="", plain=(where,),
         figures={"traces": Figure("Speed, slip and torque, where the loops log them", _figure)},
-        gains=[replace(g, loop=by_loop[g.loop]) for g in base.gains if g.loop in by_loop],
+        gains=[replace(g, loop=by_loop[g.loop]) for g in asked.gains if g.loop in by_loop],
         ensembles={k: e for k, e in base.ensembles.items() if k == where},
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
-        uncertified={n: base.uncertified[loop] for n, loop in reading.asked.items()
-                     if loop in base.uncertified},
+        uncertified={n: asked.uncertified[loop] for n, loop in reading.asked.items()
+                     if loop in asked.uncertified},
     )  # fmt: skip

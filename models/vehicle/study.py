@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
-from slipctl.models.vehicle.certificate import axle_loops
-from slipctl.models.vehicle.certificate.gains import gains, reasons_without_certificate
 from slipctl.models.vehicle.contamination import patches_of_seed
 from slipctl.models.vehicle.parts import Air, Drawn, SlideProtection, Trip, number_with_unit
 from slipctl.models.vehicle.parts.plausibility import unusual_numbers
 from slipctl.models.vehicle.trip import CLEAN, case, clean_case
 from slipctl.run.roles import Signals
 from slipctl.run.sweep.ensemble import Ensemble
-from slipctl.study.declaration import Figure, Gains, Study
+from slipctl.study.declaration import Certificates, Figure, Study
 
 SIGNALS = Signals(
     speed="plant.train.v", position="plant.train.x", slip="slip.y",
@@ -101,9 +100,23 @@ NO_LAYER = (
 )
 
 
-def reasons(trip: Trip) -> dict[str, str]:
-    """Why a controller has no certificate, by its name."""
-    return axle_loops.reasons_without_certificate(trip, reasons_without_certificate(trip))
+def certificates_of_trip(trip: Trip) -> Certificates:
+    """Which controllers of a trip can be certified, and why the others cannot."""
+    from slipctl.models.vehicle.certificate import axle_loops, gains
+
+    unlike = [
+        said for there, said in (
+            (trip.vehicle.track_brake is not None, MAGNETS),
+            (trip.vehicle.dynamic_brake is not None, MOTORS),
+            (trip.rail.contamination is not None, NO_LAYER),
+            (isinstance(trip.actuator, Air), BITS),
+        ) if there
+    ]  # fmt: skip
+    if not unlike:
+        return axle_loops.certificates(trip, gains.certificates(trip))
+    valves = (SlideProtection,) if unlike[0] in (NO_LAYER, BITS) else ()
+    none = Certificates((), dict.fromkeys(trip.controllers, unlike[0]))
+    return axle_loops.certificates(trip, none, valves)
 
 
 def _ensemble(trip: Trip, drawn: Drawn) -> Ensemble:
@@ -140,26 +153,11 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         f" {vehicle.total / 1e3:g} t on {vehicle.axles} axles, at the start at"
         f" {3.6 * vehicle.speed:.4g} km/h."
     )
-    unlike = [
-        said for there, said in (
-            (trip.vehicle.track_brake is not None, MAGNETS),
-            (trip.vehicle.dynamic_brake is not None, MOTORS),
-            (trip.rail.contamination is not None, NO_LAYER),
-            (isinstance(trip.actuator, Air), BITS),
-        ) if there
-    ]  # fmt: skip
-    if unlike:
-        valves = (SlideProtection,) if unlike[0] in (NO_LAYER, BITS) else ()
-        asked: tuple[Gains, ...] = axle_loops.gains(trip, valves)
-        why = dict.fromkeys(trip.controllers, unlike[0])
-        why = axle_loops.reasons_without_certificate(trip, why, valves)
-    else:
-        asked, why = (*gains(trip), *axle_loops.gains(trip)), reasons(trip)
     return Study(
         name=name, title=trip.title, source=source, doc=doc, cases=cases,
         signals=signals_of_trip(trip), plain=("base", CLEAN),
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
-        ensembles=ensembles, gains=asked, uncertified=why,
+        ensembles=ensembles, gains=partial(certificates_of_trip, trip),
         without_effect=(*parts_without_effect(trip), *unusual_numbers(trip)),
         figures={
             "speeds": Figure("Speed of the vehicle and of a rim", _speeds),

@@ -96,13 +96,15 @@ class _Run:
         self.keep.clear(wanted)
         self._metrics("still running, or stopped before its end")
         judged = cache(self._claims)  # once, while figures are drawn
+        sections: dict[str, Any] = {}
         self._tell(self._question())
         try:
             execution.run(
                 results.study, results.cases, self.models, quick=results.quick,
                 compile=not self.options.no_compile, experiments=self.experiments,
                 report=self._heard, results=results, keep=self.keep, command=self.command,
-                cores=self.cores,
+                cores=self.cores, beside=results_folder.section_jobs(results),
+                take=sections.__setitem__,
             )  # fmt: skip
             self._found_tables()
             self.progress.end()
@@ -110,7 +112,9 @@ class _Run:
             self._metrics()
             self._save(
                 "report.html",
-                lambda: results_folder.save_pages(results, judged, out, self.command, self.cores),
+                lambda: results_folder.save_pages(
+                    results, judged, out, self.command, self.cores, sections
+                ),
             )
             verdicts = judged()
         except KeyboardInterrupt:

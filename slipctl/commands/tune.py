@@ -43,7 +43,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
         found = tune(
             case.loops[loop], options.free, options.objective, ensemble, options.limits,
             scenario=case.scenario, signals=study.signals, known=case.known,
-            gains=promises_of_loop(study.gains, loop, case.scenario.name), out=out,
+            gains=promises_of_loop(study.certificates.gains, loop, case.scenario.name), out=out,
             samples=options.samples, seed=options.seed, runs=options.runs,
             held_out=options.held_out, prove=options.prove,
             controller=study.controller, jobs=options.jobs, compile=not options.no_compile,

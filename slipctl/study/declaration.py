@@ -28,8 +28,9 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from slipctl import registry
 from slipctl.errors import BadInput, check_kinds, check_known
@@ -323,6 +324,13 @@ class Gains:
         check_kinds("Gains", Gains, vars(self))
 
 
+class Certificates(NamedTuple):
+    """Gains of a study to certify, and why its other loops have none, by their name."""
+
+    gains: Sequence[Gains]
+    uncertified: Mapping[str, str]
+
+
 @dataclass(frozen=True)
 class Study:
     """A question, its loops and scenarios, the paper's answers beside ours; see the module text.
@@ -342,7 +350,8 @@ class Study:
         experiments: further computations by name.
         claims: the paper's claims.
         figures: figures by file stem.
-        gains: what ``slipctl certify STUDY`` asks about.
+        gains: what ``slipctl certify STUDY`` asks about; or a function that finds it and
+            ``uncertified``, called where a certificate is asked for.
         plain: scenarios and experiments that run without ``--full``; of a study that has none of
             these scenarios, all do.
         ensembles: what ``slipctl tune`` draws, by scenario; the first that has the loop is taken.
@@ -365,7 +374,7 @@ class Study:
     experiments: Mapping[str, Experiment] = field(default_factory=dict)
     claims: Sequence[Claim] = ()
     figures: Mapping[str, Figure] = field(default_factory=dict)
-    gains: Sequence[Gains] = ()
+    gains: Sequence[Gains] | Callable[[], Certificates] = ()
     plain: Sequence[str] = ("base", "real")
     ensembles: Mapping[str, Ensemble] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
@@ -385,6 +394,13 @@ class Study:
             seen.add(c.id)
         if self.headline and self.headline not in seen:
             raise BadInput(f"study {self.name} has no claim {self.headline!r}")
+
+    @cached_property
+    def certificates(self) -> Certificates:
+        """What can be asked of its loops, and why nothing of the others."""
+        if callable(self.gains):
+            return self.gains()
+        return Certificates(self.gains, self.uncertified)
 
     def _repr_html_(self) -> str:
         return registry.view(self, "html")

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -28,7 +29,7 @@ from slipctl.study.cache import Keep
 from slipctl.study.declaration import OPEN, Claim, Context, Study
 from slipctl.study.failure_log import note_failure
 from slipctl.study.failures import reason
-from slipctl.study.jobs import Cores, Job, run_jobs
+from slipctl.study.jobs import Cores, Job, Outcome, run_jobs
 from slipctl.study.provenance import EXPERIMENT_SEED
 from slipctl.study.verdicts import Verdict, judge
 
@@ -56,6 +57,8 @@ def run(
     keep: Keep | None = None,
     command: str = "",
     cores: Cores | None = None,
+    beside: Mapping[str, Job[Any]] | None = None,
+    take: Callable[[str, Outcome[Any]], None] = lambda what, outcome: None,
 ) -> Results:
     """Run the cases and the experiments.
 
@@ -74,6 +77,8 @@ def run(
             earlier run of the same are taken; None keeps nothing.
         command: command line, for the logs.
         cores: how many runs go on at once; None is one.
+        beside: further jobs, which need no result; they follow the runs of the first case.
+        take: given the outcome of each of them.
     """
     results = new_results(study, cases, quick) if results is None else results
     given = study.models if models is None else models
@@ -86,6 +91,7 @@ def run(
     chosen = list(wanted) if experiments else []
     first = cases[:1] if chosen else cases
     _add_runs(jobs, results, first, compile, keep, command)
+    jobs |= beside or {}
     for name in chosen:
         jobs[name] = _experiment_job(study, name, cases, given, quick, compile, keep, cores)
     _add_runs(jobs, results, cases[len(first) :], compile, keep, command)
@@ -93,10 +99,12 @@ def run(
     if jobs:
         load_logs()
     try:
-        with closing(run_jobs(jobs, cores, tell)) as outcomes:
+        with closing(run_jobs(jobs, cores, tell, partial(_load, study))) as outcomes:
             for what, outcome in outcomes:
-                _load(study)
                 with note_failure(results, what):
+                    if beside and what in beside:
+                        take(what, outcome)
+                        continue
                     found = outcome.get()
                     if what in runs:
                         case, name = runs[what]

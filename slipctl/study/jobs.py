@@ -137,7 +137,7 @@ def run_jobs(
         jobs: by name, in the order in which they start.
         cores: what they share.
         tell: told the share done of a job.
-        meanwhile: done once in this process, while the first jobs run; they do not see it.
+        meanwhile: done once in this process, while the last jobs run; they do not see it.
     """
     if cores.count == 1 or not jobs:
         meanwhile()
@@ -165,7 +165,7 @@ def run_jobs(
             while free and running:  # none waits: others may use the core, also within a job
                 cores.give_back()
                 free -= 1
-            while beside:
+            if beside and not waiting:
                 beside.pop()()
             watched: list[Any] = [*running, *([cores._tokens[0]] if waiting else [])]
             for pipe in wait(watched, timeout=1.0):

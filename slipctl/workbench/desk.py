@@ -94,7 +94,7 @@ class Rig:
     def gains(self) -> list[Gains]:
         """What the study asks a certificate of, of this loop."""
         here = {self.name, f"{self.name}@{self.case.scenario.name}"}
-        return [g for g in self.study.gains if g.loop in here]
+        return [g for g in self.study.certificates.gains if g.loop in here]
 
 
 class Desk:
@@ -145,7 +145,8 @@ class Desk:
         """
         found = self.loops(text)
         names = [n for n, _ in found]
-        certain = next((g.loop for g in self.study(text).gains if g.loop in names), None)
+        gains, _ = self.study(text).certificates
+        certain = next((g.loop for g in gains if g.loop in names), None)
         name = certain or next((n for n in names if n != "none"), names[0])
         return next(pair for pair in found if pair[0] == name)
 

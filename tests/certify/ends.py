@@ -35,7 +35,7 @@ def asked(names: tuple[str, ...] = STUDIES) -> Iterator[tuple[str, System, Mappi
     """Name, system and numbers of each certificate that takes a sample time."""
     for name in (*names, str(files("slipctl.models.vehicle") / "files" / "metro.toml")):
         study = load_study(name)
-        for gains in study.gains:
+        for gains in study.certificates.gains:
             loop = find_loop(study, gains.loop)[0]
             own = catalogue.system_of_gains(gains, loop)
             if "T" in own.numbers:

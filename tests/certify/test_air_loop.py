@@ -145,7 +145,7 @@ def test_the_slide_protection_of_emu_locks_no_wheel(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     subprocess.run([sys.executable, "-m", "slipctl", "new", "emu"], check=True, capture_output=True)
     study = resolve.load_study("emu.toml")
-    gains = next(g for g in study.gains if g.loop == "wsp")
+    gains = next(g for g in study.certificates.gains if g.loop == "wsp")
     block = Request.of(study, "wsp", []).chosen[0]
     system = catalogue.system_of_gains(gains, block)
     told = {k: float(v) for k, v in gains.numbers(block).items()}
@@ -168,6 +168,6 @@ def test_load_that_moves_and_pads_are_told_instead_of_left_out(tmp_path, monkeyp
     more = text.replace('length = "20 m"', 'length = "20 m"\nheight = "1.6 m"')
     (tmp_path / "emu.toml").write_text(more, encoding="utf-8")
     study = resolve.load_study("emu.toml")
-    assert not [g for g in study.gains if g.loop == "wsp"]
-    assert "load moves" in study.uncertified["wsp"]
-    assert "contaminated" in study.uncertified["pi"]
+    assert not [g for g in study.certificates.gains if g.loop == "wsp"]
+    assert "load moves" in study.certificates.uncertified["wsp"]
+    assert "contaminated" in study.certificates.uncertified["pi"]

@@ -139,7 +139,7 @@ def test_certify_hst_braking_asks_what_its_pages_show():
     study = resolve.load_study("hst_braking")
     cases = resolve.build_cases(study)
     found = {}
-    for g in study.gains:
+    for g in study.certificates.gains:
         if g.system == "prescribed_performance":
             loop, _ = resolve.pick_loop(study, cases, g.loop)
             found[g.name] = certify(g.system, **g.numbers(loop))

@@ -58,7 +58,7 @@ def system_of(folder, vents, asked):
     (folder / "wsp.toml").write_text(LAW.replace("VENTS", str(vents)), encoding="utf-8")
     (folder / "t.toml").write_text(trip_of(asked), encoding="utf-8")
     study = resolve.load_study("t.toml")
-    gains = next(g for g in study.gains if g.loop == "wsp")
+    gains = next(g for g in study.certificates.gains if g.loop == "wsp")
     loop = Request.of(study, "wsp", []).chosen[0]
     system = catalogue.system_of_gains(gains, loop)
     numbers = {k: float(v) for k, v in gains.numbers(loop).items()}

@@ -80,7 +80,7 @@ def asked(tmp_path, monkeypatch):
     (tmp_path / "wsp.toml").write_text(LAW, encoding="utf-8")
     (tmp_path / "t.toml").write_text(TRIP, encoding="utf-8")
     study = resolve.load_study("t.toml")
-    gains = next(g for g in study.gains if g.loop == "wsp")
+    gains = next(g for g in study.certificates.gains if g.loop == "wsp")
     block = Request.of(study, "wsp", []).chosen[0]
     system = catalogue.system_of_gains(gains, block)
     numbers = exact_numbers(system, {k: float(v) for k, v in gains.numbers(block).items()})

@@ -30,7 +30,7 @@ def asked(tmp_path, *changes):
     path = tmp_path / "car.toml"
     path.write_text(text, encoding="utf-8")
     trip = trip_files.load_trip(str(path))
-    (gains,) = [g for g in axle_loops.gains(trip) if g.loop == "pid"]
+    (gains,) = [g for g in axle_loops.certificates(trip).gains if g.loop == "pid"]
     loop = case(trip).loops["pid"]
     system = system_of_gains(gains, loop)
     return system, exact_numbers(system, {k: float(v) for k, v in gains.numbers(loop).items()})
@@ -166,8 +166,8 @@ def test_a_rail_on_which_the_demand_rules_has_no_certificate(tmp_path):
     path = tmp_path / "dry.toml"
     path.write_text(text, encoding="utf-8")
     trip = trip_files.load_trip(str(path))
-    assert not axle_loops.gains(trip)
-    assert "never rules" in axle_loops.reasons_without_certificate(trip, {})["pid"]
+    assert not axle_loops.certificates(trip).gains
+    assert "never rules" in axle_loops.certificates(trip).uncertified["pid"]
 
 
 def test_a_draw_that_leaves_the_range_of_the_law_refuses_no_run(tmp_path):
@@ -185,7 +185,7 @@ def test_a_draw_that_leaves_the_range_of_the_law_refuses_no_run(tmp_path):
         path.write_text(changed + scale + tail, encoding="utf-8")
         found[name] = study(trip_files.load_trip(str(path)))
         assert set(found[name].cases(None, True)[0].loops) >= {"none", "pid"}
-    assert any(g.loop == "pid" for g in found["inside"].gains)
-    assert not any(g.loop == "pid" for g in found["beyond"].gains)
-    why = found["beyond"].uncertified["pid"]
+    assert any(g.loop == "pid" for g in found["inside"].certificates.gains)
+    assert not any(g.loop == "pid" for g in found["beyond"].certificates.gains)
+    why = found["beyond"].certificates.uncertified["pid"]
     assert "[ensemble] draws what the rail's law does not know" in why

@@ -47,7 +47,8 @@ def study(tmp_path, monkeypatch):
 @pytest.mark.second
 def test_every_certificate_is_asked_at_the_period_of_the_controllers(study):
     """The plant ticks each millisecond; a sentence about that tick would be of another loop."""
-    told = {g.name: g.numbers(Request.of(study, g.loop, []).chosen[0]) for g in study.gains}
+    gains, _ = study.certificates
+    told = {g.name: g.numbers(Request.of(study, g.loop, []).chosen[0]) for g in gains}
     assert {"pid", "sta", "smc"} <= set(told)
     assert {float(n["T"]) for n in told.values()} == {0.01}
 

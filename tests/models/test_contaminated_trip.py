@@ -164,8 +164,8 @@ def test_no_certificate_speaks_of_a_rail_that_changes(tmp_path):
     pid = '[controllers.pid]\nkind = "pid"\n'
     path.write_text(FILE + pid, encoding="utf-8")
     study = resolve.load_study(str(path))
-    assert not study.gains
-    assert "contaminated" in study.uncertified["pid"]
+    assert not study.certificates.gains
+    assert "contaminated" in study.certificates.uncertified["pid"]
 
 
 WRONG = {

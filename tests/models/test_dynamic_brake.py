@@ -149,4 +149,4 @@ def test_a_driven_vehicle_has_none_and_no_certificate_is_made_of_one_that_has():
     with pytest.raises(BadInput, match="dynamic_brake: is of a braked vehicle"):
         Vehicle(mode="drive", mass=40e3, inertia=100.0, speed=20.0, dynamic_brake=MOTORS)
     asked = study(trip(controllers={"sta": SlipLaw(kind="sta")}))
-    assert "two brakes" in asked.uncertified["sta"]
+    assert "two brakes" in asked.certificates.uncertified["sta"]

@@ -71,7 +71,7 @@ def test_the_bounds_hold_of_every_tick_of_the_law(
     """In the tube s' = -g1 e + d with |d| <= D at random slips; behind its lag no run leaves."""
     monkeypatch.chdir(tmp_path)
     study = made(tmp_path, TEXT)
-    late, prompt = study.gains
+    late, prompt = study.certificates.gains
     loop = find_loop(study, "mine")[0]
     n = {k: float(v) for k, v in late.numbers(loop).items()}
     assert n["lag"] == pytest.approx(2e-3)
@@ -102,8 +102,8 @@ def test_why_there_is_none(
     """One line that says what of the law is in the way, with exit code 2."""
     monkeypatch.chdir(tmp_path)
     study = made(tmp_path, text)
-    assert said in study.uncertified["mine"]
-    assert not study.gains
+    assert said in study.certificates.uncertified["mine"]
+    assert not study.certificates.gains
     assert main(["certify", "car.toml:mine"]) == 2
     err = capsys.readouterr().err
     assert said in err
@@ -126,7 +126,7 @@ def test_a_law_that_rests_beside_its_reference_is_refuted(
     """Without D a proportional law rests where the torque balances the adhesion, not at v_best."""
     monkeypatch.chdir(tmp_path)
     study = made(tmp_path, "J/r*k*(2*v_best - v_s)")
-    prompt = study.gains[1]
+    prompt = study.certificates.gains[1]
     n = {k: float(v) for k, v in prompt.numbers(find_loop(study, "mine")[0]).items()}
     assert report(catalogue.system(prompt.system), n).verdict == "REFUTED"
     assert n["g1"] == pytest.approx(90.0, rel=1e-6)

@@ -71,7 +71,7 @@ def test_its_certificate_is_that_of_its_own_sample_time(tmp_path):
     numbers = []
     for control in (0.001, 0.01):
         trip = trip_of(tmp_path, "10 ms", control)
-        (gains,) = axle_loops.gains(trip)
+        (gains,) = axle_loops.certificates(trip).gains
         numbers.append(gains.numbers(case(trip).loops["pi"]))
     assert numbers[0] == numbers[1]
     assert numbers[0]["T"] == 0.01
@@ -81,6 +81,6 @@ def test_a_lead_beside_a_slow_law_has_no_certificate(tmp_path):
     trip = trip_of(tmp_path, "10 ms")
     own = {"pi": replace(trip.controllers["pi"], lead=2.0)}
     trip = replace(trip, controllers=own)
-    (gains,) = axle_loops.gains(trip)
+    (gains,) = axle_loops.certificates(trip).gains
     with pytest.raises(BadInput, match="lead = 1"):
         gains.numbers(case(trip).loops["pi"])

@@ -131,7 +131,7 @@ def test_its_c_is_made_and_compiled(files, tmp_path):
     loop = asked.cases({}, False)[0].loops["own"]
     module = c_module(loop[asked.controller], tmp_path, "ctl", period=loop.period)
     assert module.load().instance_bytes > 0
-    assert "own" in asked.uncertified
+    assert "own" in asked.certificates.uncertified
 
 
 @pytest.mark.parametrize(

@@ -94,5 +94,5 @@ def test_a_driven_vehicle_has_none_and_no_certificate_is_made_of_one_that_has():
     from slipctl.models.vehicle import SlipLaw
 
     asked = study(trip(force=3e4, controllers={"sta": SlipLaw(kind="sta")}))
-    assert "track brake" in asked.uncertified["sta"]
-    assert not asked.gains
+    assert "track brake" in asked.certificates.uncertified["sta"]
+    assert not asked.certificates.gains

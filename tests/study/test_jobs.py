@@ -229,13 +229,26 @@ def test_processes_take_jobs_one_after_another(tmp_path: Path) -> None:
 @pytest.mark.parametrize("count", [1, 2])
 @pytest.mark.parametrize("names", ["", "abc"])
 def test_something_is_done_meanwhile(count: int, names: str) -> None:
-    """Once, in this process, before the first outcome; also where there is no job."""
+    """Once, in this process, before the last outcome; also where there is no job."""
     done: list[int] = []
+    given = 0
     with Cores(count) as cores:
         jobs = {n: (lambda tell: list(done)) for n in names}
         for _ in run_jobs(jobs, cores, silent, lambda: done.append(os.getpid())):
-            assert done == [os.getpid()]
+            given += 1
+            assert given < len(names) or done == [os.getpid()]
     assert done == [os.getpid()]
+
+
+def test_no_job_waits_for_what_is_done_meanwhile() -> None:
+    """Both processes get their second job before this one is busy."""
+    began: list[int] = []
+    with Cores(2) as cores:
+        jobs = {n: (lambda tell: os.getpid()) for n in "abcd"}
+        told = lambda name, share: began.append(1) if share == 0.0 else None  # noqa: E731
+        for _ in run_jobs(jobs, cores, told, lambda: began.append(0)):
+            pass
+    assert began == [1, 1, 1, 1, 0]
 
 
 def test_no_core_is_refused() -> None:

@@ -38,11 +38,14 @@ from slipctl.models.vehicle.parts import (
     Trip,
 )
 from slipctl.models.vehicle.slip.own_law import sample_time
+from slipctl.study.declaration import Certificates
 
 NO_RAIL = (
     "on every rail of the file the demand or the actuator gives less than the adhesion carries, so"
     " slip control never rules at rest"
 )
+
+NONE = Certificates((), {})
 
 KINDS = ("pid",)
 """Slip laws that are asked as they run."""
@@ -75,39 +78,28 @@ def has_modes(trip: Trip, part: SlipLaw | OwnLaw) -> bool:
     }
 
 
-def gains(trip: Trip, of: tuple[type, ...] = (SlipLaw, OwnLaw)) -> tuple[Gains, ...]:
-    """Certificates of the controllers of a trip that are asked as they run.
+def certificates(
+    trip: Trip, otherwise: Certificates = NONE, of: tuple[type, ...] = (SlipLaw, OwnLaw)
+) -> Certificates:
+    """Certificates of a trip, with those of the controllers that are asked as they run.
 
     Args:
-        trip: the trip. of: kinds of controllers.
+        trip: the trip.
+        otherwise: certificates of the other controllers.
+        of: kinds of controllers.
     """
-    found: list[Gains] = []
+    found, why = list(otherwise.gains), dict(otherwise.uncertified)
     for name, part in trip.controllers.items():
-        if isinstance(part, of) and is_asked(trip, part):
-            some, _ = _on_rails(trip, part)  # type: ignore[arg-type]
-            for one in some:
-                own = name if len(some) == 1 else f"{name}_{one.rail}"
-                found.append(Gains(own, name, one.asked_as, one.numbers, one.words(), "",
-                                   trip.title, made=one.system))  # fmt: skip
-    return tuple(found)
-
-
-def reasons_without_certificate(
-    trip: Trip, otherwise: Mapping[str, str], of: tuple[type, ...] = (SlipLaw, OwnLaw)
-) -> dict[str, str]:
-    """Why a controller has no certificate, by its name.
-
-    Args:
-        trip: the trip. otherwise: says it of the others. of: kinds of controllers.
-    """
-    found = dict(otherwise)
-    for name, part in trip.controllers.items():
-        if isinstance(part, of) and is_asked(trip, part):
-            found.pop(name, None)
-            some, why = _on_rails(trip, part)  # type: ignore[arg-type]
-            if not some:
-                found[name] = why
-    return found
+        if not isinstance(part, of) or not is_asked(trip, part):
+            continue
+        some, why[name] = _on_rails(trip, part)  # type: ignore[arg-type]
+        if some:
+            del why[name]
+        for one in some:
+            own = name if len(some) == 1 else f"{name}_{one.rail}"
+            found.append(Gains(own, name, one.asked_as, one.numbers, one.words(), "",
+                               trip.title, made=one.system))  # fmt: skip
+    return Certificates(tuple(found), why)
 
 
 def _on_rails(

@@ -50,6 +50,7 @@ from slipctl.models.vehicle.plant import on_train
 from slipctl.models.vehicle.slip.own_law import sample_time
 from slipctl.models.vehicle.trip import best
 from slipctl.run.sweep.ensemble import FACTOR
+from slipctl.study.declaration import Certificates
 
 COARSE = 0.01
 """Share by which a bound may be too large."""
@@ -305,18 +306,18 @@ NONE = {
 """Why a controller has no certificate."""
 
 
-def gains(trip: Trip) -> tuple[Gains, ...]:
-    """What ``slipctl certify`` asks about the controllers of a trip.
+def certificates(trip: Trip) -> Certificates:
+    """What ``slipctl certify`` asks about the controllers of a trip that cancel adhesion.
 
     Where the actuator is late, each law is asked about twice: with lag and dead time, and without.
     """
-    found = []
+    found: list[Gains] = []
     seen: dict[str, Withstood] = {}
     for name, part in trip.controllers.items():
         own = isinstance(part, OwnLaw) and not why_not(trip, part)
         if own or (isinstance(part, SlipLaw) and part.kind in SYSTEMS):
             found += _of(trip, name, part, seen)
-    return tuple(found)
+    return Certificates(tuple(found), _reasons(trip))
 
 
 def _of(trip: Trip, name: str, part: SlipLaw | OwnLaw, seen: dict[str, Withstood]) -> list[Gains]:
@@ -401,7 +402,7 @@ def _words(trip: Trip, over: Ranges, left: tuple[str, ...], reference: Reference
     return "; ".join(rows)
 
 
-def reasons_without_certificate(trip: Trip) -> dict[str, str]:
+def _reasons(trip: Trip) -> dict[str, str]:
     """Why a controller has no certificate, by its name."""
     kinds = {n: getattr(part, "kind", "") for n, part in trip.controllers.items()}
     own = {n: why_not(trip, part) for n, part in trip.controllers.items()

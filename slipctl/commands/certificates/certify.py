@@ -143,11 +143,11 @@ def answers(
     Raises:
         BadInput: the study declares none, or a loop that it does not have.
     """
-    if not study.gains:
-        why = "".join(f"; {n}: {text}" for n, text in study.uncertified.items())
+    if not study.certificates.gains:
+        why = "".join(f"; {n}: {text}" for n, text in study.certificates.uncertified.items())
         raise BadInput(f"{study.name} declares no gains to certify{why}; see slipctl certify")
     found, asked = [], Request.of(study, "", settings)
-    for gains in study.gains if of is None else of:
+    for gains in study.certificates.gains if of is None else of:
         loop, _ = asked.at(gains.loop).chosen
         check_guards(loop)
         numbers = {k: float(v) for k, v in gains.numbers(loop).items()}
@@ -260,7 +260,7 @@ def certify_study(
             rows += textwrap.wrap(f"the bound that remains when a range is halved: {told_}", 96,
                                   initial_indent="  ", subsequent_indent="    ")  # fmt: skip
     if of is None:
-        rows += [line for n, why in study.uncertified.items()
+        rows += [line for n, why in study.certificates.uncertified.items()
                  for line in ("", *textwrap.wrap(f"{n}: no certificate, {why}", 96))]  # fmt: skip
     if out is not None:
         rows += ["", f"{out}: certificate; slipctl check {out}"]

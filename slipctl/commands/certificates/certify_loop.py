@@ -44,16 +44,17 @@ def find(name: str) -> tuple[Study, list[Gains]]:
             " write its gains into a Study, or its tick as a System (slipctl docs certify)"
         )
     study = resolve.load_study(left)
-    exact = [g for g in study.gains if g.name == right]
+    asked, reasons = study.certificates
+    exact = [g for g in asked if g.name == right]
     loop, at, _ = right.partition("@")
-    of_loop = [g for g in study.gains
+    of_loop = [g for g in asked
                if g.loop == right or (not at and g.loop.partition("@")[0] == loop)]  # fmt: skip
     found = of_loop or exact
     if found:
         return study, found
-    known = [*dict.fromkeys([*(g.loop for g in study.gains), *(g.name for g in study.gains)])]
+    known = [*dict.fromkeys([*(g.loop for g in asked), *(g.name for g in asked)])]
     if loop in resolve.loop_names(study):
-        why = f": {study.uncertified[loop]}" if loop in study.uncertified else ""
+        why = f": {reasons[loop]}" if loop in reasons else ""
         told = f"; it has {', '.join(known)}" if known else ""
         raise BadInput(f"{study.name} declares no gains of {right} to certify{why}{told}")
     raise BadInput(f"{study.name} has no loop {right!r}{nearest(right, known)}")
@@ -87,7 +88,7 @@ def one(name: str, settings: Sequence[str] = ()) -> tuple[Gains, Block]:
     study, gains = find(name)
     if len(gains) > 1:
         known = ", ".join(f"{study.name}:{g.name}" for g in gains)
-        gains = [g for g in study.gains if g.name == name.rpartition(":")[2]]
+        gains = [g for g in study.certificates.gains if g.name == name.rpartition(":")[2]]
         if len(gains) != 1:
             raise BadInput(f"{name} has several certificates; write which: {known}")
     loop = Request.of(study, gains[0].loop, settings).chosen[0]

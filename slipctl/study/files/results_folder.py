@@ -6,8 +6,9 @@ import csv
 import errno
 import io
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.run.results import Results
 from slipctl.study.failure_log import note_failure
-from slipctl.study.jobs import Cores, Job, run_jobs
+from slipctl.study.jobs import Cores, Job, Outcome, run_jobs
 from slipctl.study.provenance import provenance, stamp
 from slipctl.study.report.texts import tolerance_text, values_beyond_limit
 from slipctl.study.verdicts import Verdict
@@ -207,12 +208,21 @@ def figure_jobs(results: Results, out: Path, command: str) -> dict[str, Callable
     return {stem: job(stem) for stem in results.study.figures}
 
 
+def section_jobs(results: Results) -> dict[str, Job[Any]]:
+    """Sections of the page that need no run, by name; what they give goes to :func:`save_pages`."""
+    from slipctl.study.report import report_page
+
+    parts = report_page.constant(results)
+    return {f"page, {name}": _section(write) for name, write in parts.items()}
+
+
 def save_pages(
     results: Results,
     judged: Callable[[], Sequence[Verdict]],
     out: Path,
     command: str,
     cores: Cores | None = None,
+    sections: Mapping[str, Outcome[Any]] | None = None,
 ) -> dict[str, str]:
     """Draw the figures, write them and ``report_page.html``; gives the SVG by file stem.
 
@@ -224,6 +234,7 @@ def save_pages(
         out: folder of the run.
         command: command line.
         cores: what the figures are drawn on.
+        sections: outcomes of :func:`section_jobs` that are there; the others are written here.
     """
     from slipctl.draw import plots
     from slipctl.study.report import report_page
@@ -231,12 +242,14 @@ def save_pages(
     plots.load()  # once, before the processes part
     figures = figure_jobs(results, out, command)
     jobs: dict[str, Job[Any]] = {f"figure {stem}": job for stem, job in figures.items()}
-    parts = report_page.of_runs(results) | report_page.constant(results)
-    jobs |= {f"page, {name}": _section(write) for name, write in parts.items()}
+    parts = report_page.of_runs(results)
+    pages = {f"page, {name}": _section(write) for name, write in parts.items()}
+    there = sections or {}
+    jobs |= pages | {n: j for n, j in section_jobs(results).items() if n not in there}
     done: dict[str, Any] = {}
     left: list[str] = []
     with closing(run_jobs(jobs, cores or Cores(1), lambda name, share: None, judged)) as outcomes:
-        for name, outcome in outcomes:
+        for name, outcome in chain(there.items(), outcomes):
             with note_failure(results, name, left):
                 done[name] = outcome.get()
     if len(left) > 1:
@@ -246,7 +259,7 @@ def save_pages(
     both = {stem: done[f"figure {stem}"] for stem in figures if f"figure {stem}" in done}
     drawn = {stem: svg for stem, (svg, _) in both.items()}
     curves = {stem: live for stem, (_, live) in both.items() if live is not None}
-    texts = {name: done[f"page, {name}"] for name in parts if f"page, {name}" in done}
+    texts = {n.removeprefix("page, "): t for n, t in done.items() if n.startswith("page, ")}
     store.write_text(
         out / "report.html",
         report_page.page(results, judged(), drawn, command, texts, curves=curves),

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def certificates_of_rig(rig: Rig) -> dict[str, Any]:
     """Which certificates can be asked for of a loop, or why there is none."""
-    why = rig.study.uncertified.get(rig.name, "")
+    why = rig.study.certificates.uncertified.get(rig.name, "")
     if not rig.gains and not why:
         why = "the study declares no gains of this loop to certify"
     return {"names": [g.name for g in rig.gains], "why": why}
