@@ -356,12 +356,13 @@ def _rows(leaf: Block, jacobian: bool) -> list[str]:
     if g is None:
         return [r"&\text{in matrices and loops; see its text}"]
     formula.shorten(g)
-    plain = list(islice(_lines(g, Text(g)), 10 * LINES))
     some = list(islice(_lines(g, Latex(g)), 10 * LINES))
-    if (waits := repeats.dead_time(plain)) is not None:
-        left, _, ticks = waits
-        return [f"{_left(left)}(k) &= {some[-2][1]}(k - {ticks})"]
-    some = repeats.written_once(plain, some)
+    if any("[" in left for left, _ in some):  # only what has an index repeats
+        plain = list(islice(_lines(g, Text(g)), 10 * LINES))
+        if (waits := repeats.dead_time(plain)) is not None:
+            left, _, ticks = waits
+            return [f"{_left(left)}(k) &= {some[-2][1]}(k - {ticks})"]
+        some = repeats.written_once(plain, some)
     rows = [f"{_left(left)} &= {right}" if left else rf"&\text{{{right}}}"
             for left, right in some[:LINES]]  # fmt: skip
     if len(some) > LINES:
