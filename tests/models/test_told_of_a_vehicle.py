@@ -219,6 +219,26 @@ UNUSUAL = {
         "actuator.torque: all axles together give 0.002 m/s.2",
     ),
     "just enough torque": ({'torque = "8 kN m"': 'torque = "81 N m"'}, None),
+    "short": (
+        {'place = "75 m"': 'place = "45.3 m"'},
+        "rail.sections.1: 0.3 m long; it is over before a brake answers",
+    ),
+    "just not short": ({'place = "75 m"': 'place = "46 m"'}, None),
+    "short layer": (
+        {
+            "[demand]": "[rail.contamination]\npeak = 0.05\n"
+            'places = [{ from = "9 m", to = "9.3 m" }]\n[demand]'
+        },
+        "rail.contamination.places.0: 0.3 m long",
+    ),
+    "brief": (
+        {'deceleration = "1.2 m/s^2"': 'deceleration = "1.2 m/s^2"\nuntil = "12 ms"'},
+        "demand.until: the demand is 0.012 s long",
+    ),
+    "just not brief": (
+        {'deceleration = "1.2 m/s^2"': 'deceleration = "1.2 m/s^2"\nuntil = "0.1 s"'},
+        None,
+    ),
     "teeth": ({"teeth = 120": "teeth = 3"}, "a tooth passes every 52.8 ms at the start"),
     "just enough teeth": ({"teeth = 120": "teeth = 4"}, None),
 }

@@ -7,10 +7,17 @@ was written. The ends are wide: they are for units and commas that slipped.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 from slipctl.errors import nearest
 from slipctl.models.vehicle.adhesion import heights_of_law, rail_law
-from slipctl.models.vehicle.parts import SlipRatio, SlipSpeed, ToothWheel, Trip
+from slipctl.models.vehicle.parts import (
+    SlipRatio,
+    SlipSpeed,
+    ToothWheel,
+    Trip,
+    number_with_unit,
+)
 from slipctl.study.resolve import load_block
 
 AXLE_LOAD = (2.5e3, 40e3)
@@ -40,6 +47,9 @@ FAST = 120.0
 SPARSE = 0.05
 """Time in s between two teeth at the speed of the start."""
 
+
+SHORT = {"m": 1.0, "s": 0.1}
+"""Shortest stretch of rail or demand: below that, no brake has answered when it is over."""
 
 NOISY = 1.0
 """Standard deviation in m/s of a measured speed: 0.3 of a poor radar."""
@@ -89,9 +99,27 @@ def unusual_numbers(trip: Trip) -> Iterator[str]:
         yield f"vehicle.speed: it begins at {3.6 * vehicle.speed:.4g} km/h"
     if vehicle.mode == "brake" and vehicle.speed == 0:
         yield "vehicle.speed: it stands at the start, and is braked"
+    yield from _short(trip)
     yield from _heights(trip)
     yield from _lifted(trip)
     yield from _measured(trip)
+
+
+def _short(trip: Trip) -> Iterator[str]:
+    """Stretches of rail and demands that are over at once."""
+    said = "{} long; it is over before a brake answers"
+    begins = [(s.place, "m") if s.time is None else (s.time, "s") for s in trip.rail.sections]
+    for k, ((here, unit), (there, _)) in enumerate(pairwise(begins)):
+        if there - here < SHORT[unit]:
+            yield f"rail.sections.{k}: " + said.format(f"{there - here:.3g} {unit}")
+    layer = trip.rail.contamination
+    for k, patch in enumerate(layer.places if layer else ()):
+        if (length := patch.end - patch.begin) < SHORT["m"]:
+            yield f"rail.contamination.places.{k}: " + said.format(f"{length:.3g} m")
+    until = getattr(trip.demand, "until", "")
+    found = number_with_unit(until, "s", "m") if until else ""
+    if isinstance(found, tuple) and found[0] < SHORT[found[1]]:
+        yield "demand.until: the demand is " + said.format(f"{found[0]:.3g} {found[1]}")
 
 
 def _heights(trip: Trip) -> Iterator[str]:
