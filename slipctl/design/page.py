@@ -120,12 +120,13 @@ def differences(found: Tuned) -> list[str]:
             )
         if not math.isfinite(mean):
             continue
-        sure = "more than" if abs(mean) > 2 * error else "at most"
-        which = f"{goal.text}, " if judged.more else ""
+        a, b = (np.array(s.values) for s in (its.tuned, its.by_hand))
+        both = np.isfinite(a) & np.isfinite(b)
+        sure = "more than chance" if abs(mean) > 2 * error else "which may be chance"
         lines.append(
-            f"{which}tuned minus by hand, the same {len(its.tuned.values)} held-out draws:"
-            f" {mean:+.4g} +- {error:.2g}{unit} (standard error): {sure} twice the error"
-            + (", over the draws that both reach" if lost or before else "")
+            f"mean {goal.text} of {sum(both)} held-out draws{' that both reach' * (not all(both))}:"
+            f" {np.mean(a[both]):.6g}{unit} tuned, {np.mean(b[both]):.6g}{unit} by hand; difference"
+            f" {mean:+.4g} +- {error:.2g}{unit} (standard error), {sure}"
         )
     return lines
 
@@ -301,6 +302,15 @@ def _promised(found: Tuned) -> str:
         _p("The margin is the factor on the bounds of the disturbances up to which the promise was"
            " found proved.")
     ]  # fmt: skip
+    asked = [g.name for g, _, _ in found.promises.needed()]
+    free = [g.name for g in found.promises.gains if g.name not in asked]
+    if free and asked:
+        lines.append(
+            _p(
+                f"A candidate had to have: {', '.join(asked)}. It did not have to have:"
+                f" {', '.join(free)}, which the gains set by hand do not have either."
+            )
+        )
     loop = found.tuned_loop()
     for g in found.promises.gains:
         if found.promises.verdict(g, loop) == CERTIFIED:
