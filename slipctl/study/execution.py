@@ -77,14 +77,19 @@ def run(
             earlier run of the same are taken; None keeps nothing.
         command: command line, for the logs.
         cores: how many runs go on at once; None is one.
-        beside: further jobs, which need no result; they follow the runs of the first case.
+        beside: further jobs, which need no result; they follow the runs of the first case, and
+            nothing is reported of them.
         take: given the outcome of each of them.
     """
     results = new_results(study, cases, quick) if results is None else results
     given = study.models if models is None else models
     cores = cores or Cores(1)
     jobs: dict[str, Job[Any]] = {}
-    tell = report or (lambda what, share: None)
+
+    def tell(what: str, share: float) -> None:
+        if report is not None and what not in (beside or {}):
+            report(what, share)
+
     # what a report needs first comes first; the experiments take longest; a core that is free at
     # the end takes the other runs, which are short
     wanted = experiments if not isinstance(experiments, bool) else study.experiments
@@ -101,10 +106,10 @@ def run(
     try:
         with closing(run_jobs(jobs, cores, tell, partial(_load, study))) as outcomes:
             for what, outcome in outcomes:
+                if what in (beside or {}):
+                    take(what, outcome)
+                    continue
                 with note_failure(results, what):
-                    if beside and what in beside:
-                        take(what, outcome)
-                        continue
                     found = outcome.get()
                     if what in runs:
                         case, name = runs[what]

@@ -7,6 +7,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,13 +15,14 @@ import toy_study
 import xarray
 from casadi import exp, sqrt
 
-from slipctl import BadInput, Case, Claim, Input, Known, Output, Param, Table, law
+from slipctl import BadInput, Case, Claim, Input, Known, Output, Param, RunFailed, Table, law
 from slipctl.run import store
 from slipctl.run.metrics import Metric
 from slipctl.run.results import NotRun, Results
 from slipctl.study import case_setup, execution
 from slipctl.study.declaration import Context, half_last_digit
 from slipctl.study.files import results_folder
+from slipctl.study.jobs import Cores
 from slipctl.study.report.texts import metric_rows, metric_table, number, ranked_rows
 from slipctl.study.resolve import load_study
 from slipctl.study.verdicts import judge
@@ -325,6 +327,28 @@ def test_known_values_must_match_the_rail() -> None:
 def results() -> Results:
     cases, models = case_setup.prepare(toy_study.study, quick=True)
     return execution.run(toy_study.study, cases, models, quick=True)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_jobs_beside_the_runs_are_done_and_not_counted_as_runs(count: int) -> None:
+    cases, models = case_setup.prepare(toy_study.study, quick=True)
+    heard: list[str] = []
+    found: dict[str, Any] = {}
+
+    def broken(tell: Any) -> str:
+        raise ValueError("no page")
+
+    with Cores(count) as cores:
+        results = execution.run(
+            toy_study.study, cases, models, quick=True, experiments=False, cores=cores,
+            report=lambda what, share: heard.append(what),
+            beside={"page": lambda tell: "text", "bad": broken}, take=found.__setitem__,
+        )  # fmt: skip
+    assert found["page"].get() == "text"
+    with pytest.raises(RunFailed, match="no page"):
+        found["bad"].get()
+    assert set(heard) == {f"{s}/{n}" for s, logs in results.data.items() for n in logs}
+    assert not results.failed
 
 
 def test_run_gives_logs_metrics_and_tables(results: Results) -> None:
