@@ -105,7 +105,7 @@ def run_console(body: str, started: list[str]) -> list[str]:
 @cache
 def warm() -> None:
     """Import what nearly every command imports; nothing of it starts a thread."""
-    for name in ("slipctl.commands.cli", "slipctl.study.execution", "slipctl.draw.plots", "pint",
+    for name in ("slipctl.commands.cli", "slipctl.study.execution", "slipctl.draw.plots",
                  "scipy.optimize", "xarray", "netCDF4", "matplotlib.figure",
                  "matplotlib.backends.backend_svg"):  # fmt: skip
         importlib.import_module(name)

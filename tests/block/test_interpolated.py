@@ -165,7 +165,7 @@ def test_a_gradient_may_be_told_as_one_in_so_many():
         ("degC", "offset"),
         ("m^100", "beyond reason"),
         ("m^.0001", "beyond reason"),
-        ("Pm^60", "beyond what a number can hold"),
+        ("Gm^60", "beyond what a number can hold"),
         ("2 m", "the number 2 has no place in a unit"),
         ("m/", "a name is missing at its end"),
         ("m/*s", "a name is missing before"),

@@ -27,6 +27,10 @@ REFUSED = {
             "R": "gas constant", "pi": "circle constant",
         }.items()
     },
+    **dict.fromkeys(
+        ("degC", "degF", "celsius", "fahrenheit", "degree_Celsius", "delta_degC", "dB", "dBm"),
+        "it is a scale with an offset, a difference or a logarithm; write K or 1",
+    ),
 }  # fmt: skip
 """Names that are no unit or another one than is meant, and what is said of them."""
 

@@ -1,8 +1,7 @@
 """Units as algebra: parse them, compare them, and check the equations that use them.
 
 A unit is a scale and exponents of SI base units, so km/h and m/s have one dimension and are two
-units. Angles are pure numbers: rad is 1. Names that are not in the short table below are looked up
-in pint, which is loaded then and not before.
+units. Angles are pure numbers: rad is 1.
 """
 
 from __future__ import annotations
@@ -18,10 +17,8 @@ from functools import lru_cache
 from typing import Any, NoReturn
 
 from slipctl.block.units.spellings import ONE_IN, REFUSED, SPOKEN
+from slipctl.block.units.unit_names import PLAIN, PREFIXED, Dims, dims_of, unit_by_name
 from slipctl.errors import BadInput, nearest
-
-Dims = tuple[tuple[str, Fraction], ...]
-"""Exponents by symbol (of SI base units, or of units as written), sorted, none of them zero."""
 
 _ONE = "one["
 """How the symbol of a hidden unit constant begins."""
@@ -69,30 +66,6 @@ def _add(a: Dims, b: Dims, sign: int) -> Dims:
     for name, exponent in b:
         total[name] = total.get(name, Fraction(0)) + sign * exponent
     return tuple(sorted((n, e) for n, e in total.items() if e))
-
-
-def _dims(**exponents: int) -> Dims:
-    return tuple(sorted((n, Fraction(e)) for n, e in exponents.items()))
-
-
-_N = _dims(kg=1, m=1, s=-2)
-_SHORT: dict[str, tuple[float, Dims]] = {
-    "m": (1.0, _dims(m=1)), "km": (1e3, _dims(m=1)), "mm": (1e-3, _dims(m=1)),
-    "kg": (1.0, _dims(kg=1)), "t": (1e3, _dims(kg=1)),
-    "s": (1.0, _dims(s=1)), "ms": (1e-3, _dims(s=1)), "min": (60.0, _dims(s=1)),
-    "h": (3600.0, _dims(s=1)), "Hz": (1.0, _dims(s=-1)),
-    "N": (1.0, _N), "kN": (1e3, _N), "J": (1.0, _dims(kg=1, m=2, s=-2)),
-    "W": (1.0, _dims(kg=1, m=2, s=-3)), "kW": (1e3, _dims(kg=1, m=2, s=-3)),
-    "Pa": (1.0, _dims(kg=1, m=-1, s=-2)), "K": (1.0, _dims(K=1)), "A": (1.0, _dims(A=1)),
-    "V": (1.0, _dims(kg=1, m=2, s=-3, A=-1)),
-    "rad": (1.0, ()), "deg": (math.pi / 180.0, ()), "%": (1e-2, ()),
-}  # fmt: skip
-"""Units that models use every day, so that pint (a third of a second) need not be loaded."""
-
-_BASE = {
-    "meter": "m", "kilogram": "kg", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol",
-    "candela": "cd",
-}  # fmt: skip
 
 
 # ---- parsing ----------------------------------------------------------------------------------
@@ -167,7 +140,7 @@ class _Reader:
         raise BadInput(f"unit {shown!r} cannot be read: {why}")
 
     def unknown(self, name: str) -> NoReturn:
-        close = nearest(name, _SHORT)
+        close = nearest(name, [*PLAIN, *PREFIXED, *_USUAL])
         self.fail(f"{_cut(name)!r} is no known unit" + (close if "mean" in close else ""))
 
     def peek(self) -> str:
@@ -245,46 +218,14 @@ class _Reader:
 
     def named(self, name: str) -> Unit:
         names: Dims = ((name, Fraction(1)),)
-        if name in _SHORT:
-            scale, dims = _SHORT[name]
-            return Unit(scale, dims, names)
-        if match := re.fullmatch(r"([mkM]?N)m", name):  # pint would read a unit of yarn
+        if match := re.fullmatch(r"([mkM]?N)m", name):
             force, metre = self.named(match[1]), self.named("m")
             both = force * metre
             return Unit(both.scale, both.dims, _add(force.names, metre.names, 1))
         if name in REFUSED:
             self.fail(REFUSED[name])
-        if name == "°":
-            name = "deg"
-        scale, dims = _from_pint(name) or self.unknown(name)
+        scale, dims = unit_by_name(name) or self.unknown(name)
         return Unit(scale, dims, names)
-
-
-@lru_cache(maxsize=1)
-def _registry() -> Any:
-    import pint
-
-    return pint.UnitRegistry()
-
-
-def _from_pint(name: str) -> tuple[float, Dims] | None:
-    registry = _registry()
-    try:
-        zero = registry.Quantity(0.0, name).to_base_units()
-        base = registry.Quantity(1.0, name).to_base_units()
-    except Exception:  # pint raises many kinds for what it cannot read
-        return None
-    if zero.magnitude != 0.0 or "delta_" in str(registry.parse_units(name)):
-        raise BadInput(
-            f"unit {name!r} is a scale with an offset, a difference or a logarithm; write K or 1"
-        )
-    dims = {}
-    for long, exponent in base._units.items():
-        if long in _BASE:
-            dims[_BASE[long]] = Fraction(exponent).limit_denominator(1000)
-        elif registry.get_dimensionality(long):
-            dims[long] = Fraction(exponent).limit_denominator(1000)
-    return float(base.magnitude), tuple(sorted(dims.items()))
 
 
 def dimension_equal(first: str, second: str) -> bool:
@@ -319,7 +260,7 @@ def refuse_count(text: str) -> None:
     """
     text = SPOKEN.get(text.strip(), text)
     a, counted = unit(text), re.search(r"rad|deg|turn|rpm|revol|°", text)
-    if a.dims == _dims(s=-1) and not counted and ("Hz" in text or not a.same(unit("1/s"))):
+    if a.dims == dims_of(s=-1) and not counted and ("Hz" in text or not a.same(unit("1/s"))):
         raise BadInput(f"{text} may count revolutions or radians; write rpm, turn/s or rad/s")
 
 
@@ -437,14 +378,15 @@ def _written(names: Dims) -> str:
     return (" ".join(up) or "1") + (f"/{below}" if down else "")
 
 
+_USUAL = ("km", "mm", "t", "ms", "min", "h", "kN", "kW", "deg", "%")
 _COMPOSED = ("N", "N m", "W", "Pa", "N/m", "N s", "N s/m", "N m s", "N m/s", "N/s", "V")
 
 
 def _composed(u: Unit) -> str:
     """Shortest usual name of a unit that came out of algebra."""
     if not math.isclose(u.scale, 1.0, rel_tol=1e-9):
-        for name, (scale, dims) in _SHORT.items():
-            if dims == u.dims and math.isclose(scale, u.scale, rel_tol=1e-9):
+        for name in _USUAL:
+            if unit(name).same(u):
                 return name
         return f"{u.scale:g} {_composed(Unit(1.0, u.dims))}"
     for name in _COMPOSED:
