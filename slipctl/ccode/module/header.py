@@ -60,9 +60,13 @@ def head(plan: Plan, file: str) -> str:
     )
 
 
-def member_comment(m: Member, indent: str = "    ") -> str:
+def member_comment(m: Member, indent: str = "    ", truth: bool = False) -> str:
     """Say what a signal is: unit, meaning, convention, range, value, source."""
     s = m.signal
+    if truth:
+        return comment(
+            f"{m.name}: {' '.join((s.doc or m.name).split())}; 1 stands for true", indent
+        )
     said = [f"{m.name} [{s.unit}]: {s.doc or m.name}"]
     if s.positive:
         said.append(f"positive = {s.positive}")
@@ -104,10 +108,11 @@ def header(plan: Plan) -> str:
     states = ",\n".join(
         f"{comment(what, '    ')}\n    {big}_{k} = {v}" for k, v, what in statuses(plan)
     )
+    included = "\n#include <stdbool.h>\n" * bool(lay.truths)
     parts = [
         head(plan, f"{plan.name}.h"),
         _about(plan),
-        f'#ifndef {big}_H\n#define {big}_H\n\n#ifdef __cplusplus\nextern "C" {{\n#endif',
+        f'#ifndef {big}_H\n#define {big}_H\n{included}\n#ifdef __cplusplus\nextern "C" {{\n#endif',
         f"{comment('Status of a call: 0, or bits of these.')}\nenum {{\n{states}\n}};",
         _struct(plan, "in", "Inputs of one tick.", lay.inputs),
         _struct(
@@ -201,7 +206,8 @@ def _state(plan: Plan) -> str:
         told = "What the parts of a tick give: the outputs, and measurements beside them."
         lines += [comment(told), f"{lay.now} {{"]
         for m in lay.signals:
-            lines += [member_comment(m), f"    {m.declared(real)}"]
+            kind = lay.kind(m, real)
+            lines += [member_comment(m, truth=kind == "bool"), f"    {m.declared(kind)}"]
         lines += ["};", ""]
     lines += [
         comment("State: set by init, changed by step; a copy of the struct saves an instance."),

@@ -16,6 +16,7 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.block.signals import Signal
 from slipctl.ccode.module.comments import ascii_text
+from slipctl.ccode.passes.precision import size
 from slipctl.ccode.tree.expressions import number
 from slipctl.ccode.tree.nodes import Node, assign
 from slipctl.ccode.tree.parser import code, expression
@@ -158,7 +159,11 @@ class Copy(Member):
 
 @dataclass(frozen=True)
 class Layout:
-    """Members of the structs of one C module."""
+    """Members of the structs of one C module.
+
+    Attributes:
+        truths: measured members that are true or false, by their C names.
+    """
 
     name: str
     inputs: tuple[Member, ...]
@@ -167,6 +172,7 @@ class Layout:
     states: tuple[Member, ...]
     outputs: tuple[Member, ...]
     measured: tuple[Member, ...] = ()
+    truths: frozenset[str] = frozenset()
 
     @property
     def signals(self) -> tuple[Member, ...]:
@@ -177,6 +183,19 @@ class Layout:
     def now(self) -> str:
         """Type of the struct that they are in."""
         return f"struct {self.name}_signals" if self.measured else f"{self.name}_out"
+
+    def kind(self, m: Member, real: str) -> str:
+        """Type in C of what a tick gives, with numbers of this one."""
+        return "bool" if m.c in self.truths and m in self.measured else real
+
+    def offsets(self, real: str) -> list[int]:
+        """Bytes from the begin of that struct to each of its members, and to its end."""
+        found, at, wide = [], 0, size(real)
+        for m in self.signals:
+            each = 1 if self.kind(m, real) == "bool" else wide
+            found.append(-(-at // each) * each)
+            at = found[-1] + each * m.size
+        return [*found, -(-at // wide) * wide]
 
     @property
     def big(self) -> str:

@@ -30,6 +30,7 @@ from slipctl.ccode.module.layout import (
 from slipctl.ccode.module.wires import Place, Wires
 from slipctl.ccode.passes.precision import check_real, round_to_real, size
 from slipctl.ccode.passes.rolled_loops import roll_lines
+from slipctl.ccode.passes.truths import with_truths
 from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import FINITE, NUMBER, Unsupported, Writer, number
 from slipctl.ccode.tree.nodes import Node
@@ -97,7 +98,8 @@ class Plan:
         try:
             if block.composition.split:  # only CasADi's text leaves what is prepared where it lies
                 raise Unsupported("a tick in two parts")
-            self.equations: Kernel = self._by_parts()
+            self.equations: Kernel
+            self.equations, self.layout = with_truths(self._by_parts(), self.layout)
         except Unsupported:  # a table, say; then it is one function, of what is asked for
             self.whole, self.layout = self.block, replace(self.layout, measured=())
             self.equations = kernel(
@@ -192,13 +194,13 @@ class Plan:
         states = sum(m.size for m in lay.states)
         held = max(sum(m.size for m in lay.outputs), 1)
         numbers = states * (1 + self.next_in_state) + sum(m.size for m in lay.derived) + held
-        numbers += sum(m.size for m in lay.signals) * bool(lay.measured)
         numbers += max(self.n_in, 1)  # the last good inputs
         counts = (2 * self.n_in + 1) * bool(self.n_in) + 2 + bool(self.counters)  # of guards
         numbers += max(sum(m.size for m in lay.params), 1)  # those in force
         numbers += held + 2 if self.rates else 0  # a tick in hand
         numbers += sz_w if self.work_in_state else 0
         whole = size(self.real)
+        numbers += lay.offsets(self.real)[-1] // whole * bool(lay.measured)
         numbers += -(-4 * counts // whole)
         numbers += -(-8 // whole) if self.counter else 0  # two integers
         return whole * numbers + (-(-4 * sz_iw // whole) * whole if self.work_in_state else 0)
@@ -371,13 +373,14 @@ class Plan:
         Of what is written several times, such as an output of a part that leaves the controller
         too, there is one.
         """
-        made, found = self.equations, []
+        made, found, truths = self.equations, [], self.layout.truths
         seen: set[str] = set()
         for i, (m, pointer) in enumerate(self.results):
             for k in range(m.size):
                 text = str(made.results.get((i, k), f"{pointer}{m.c} {k}"))
                 tested = pointer == "next->" and self.ranged(m)
-                if text not in seen and (i, k) not in made.finite and not tested:
+                sure = (i, k) in made.finite or (pointer == "now->" and m.c in truths)
+                if text not in seen and not sure and not tested:
                     found.append((m, pointer, k))
                 seen.add(text)
         return found

@@ -73,14 +73,13 @@ def a2l(plan: Plan) -> str:
     for m in lay.derived:
         blocks.append(_measurement(plan, "state", m, offset, methods, kind, "derived."))
         offset += m.size * size(plan.real)
-    beside = lay.signals if lay.measured else ()
     offset += sum(max(sum(m.size for m in g), 1) for g in (lay.params, lay.outputs)) * size(
         plan.real
     )
-    for m in beside:
+    for m, at in zip(lay.signals, lay.offsets(plan.real), strict=False):
         if m in lay.measured:
-            blocks.append(_measurement(plan, "state", m, offset, methods, kind, "measured."))
-        offset += m.size * size(plan.real)
+            own = "UBYTE" if m.c in lay.truths else kind
+            blocks.append(_measurement(plan, "state", m, offset + at, methods, own, "measured."))
     blocks += _METHODS if "1" in units else [*_METHODS, _NONE]
     blocks += status.values()
     blocks += _grouped(plan, list(status))
@@ -146,9 +145,9 @@ def _status(plan: Plan, bare: str) -> dict[str, str]:
             "/end MEASUREMENT"
         )
     before = [*lay.states, *lay.derived, *lay.params, *lay.outputs, *lay.inputs]
-    before += lay.signals if lay.measured else ()
     ends = (lay.params, lay.outputs, lay.inputs)
     at = (sum(m.size for m in before) + sum(not members for members in ends)) * size(plan.real)
+    at += lay.offsets(plan.real)[-1] * bool(lay.measured)
     counts = [
         ("age", plan.n_in, "ticks without a good value, less good ones since; -1: none yet",
          "SLONG", -1, int(guard.MANY)),
@@ -286,8 +285,9 @@ def _measurement(
     plan: Plan, struct: str, m: Member, offset: int, methods: Methods, kind: str,
     within: str = "",
 ) -> str:  # fmt: skip
+    method = "CM_said" if kind == "UBYTE" else _method(m, methods)
     return (
         f"/begin MEASUREMENT {_name(plan, struct, m, within)} {_about(m)}\n"
-        f"  {kind} {_method(m, methods)} 0 0 {_limits(plan, m)}\n  ECU_ADDRESS 0x{offset:X}"
+        f"  {kind} {method} 0 0 {_limits(plan, m)}\n  ECU_ADDRESS 0x{offset:X}"
         f"{_dims(m, True)}{_link(plan, struct, offset)}\n/end MEASUREMENT"
     )
