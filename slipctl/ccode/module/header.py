@@ -64,9 +64,9 @@ def member_comment(m: Member, indent: str = "    ", truth: bool = False) -> str:
     """Say what a signal is: unit, meaning, convention, range, value, source."""
     s = m.signal
     if truth:
-        return comment(
-            f"{m.name}: {' '.join((s.doc or m.name).split())}; 1 stands for true", indent
-        )
+        said = [f"{m.name}: {s.doc or m.name}", "1 stands for true"]
+        said += [f"start {_short(s.value)}"] * (s.value is not None)
+        return comment("; ".join(" ".join(x.split()) for x in said), indent)
     said = [f"{m.name} [{s.unit}]: {s.doc or m.name}"]
     if s.positive:
         said.append(f"positive = {s.positive}")
@@ -237,7 +237,9 @@ def _kept(plan: Plan) -> list[str]:
     for struct, own in plan.layout.kept:
         members = [
             line for m in own for name in [own_name(m) if struct else m.c]
-            for line in (member_comment(m), f"    {m.declared(real, name)}")
+            for kind in [plan.layout.kind(m, real)]
+            for line in (member_comment(m, truth=kind == "bool"),
+                         f"    {m.declared(kind, name)}")
         ]  # fmt: skip
         if not struct:
             whole += members

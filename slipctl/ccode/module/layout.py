@@ -162,7 +162,8 @@ class Layout:
     """Members of the structs of one C module.
 
     Attributes:
-        truths: measured members that are true or false, by their C names.
+        truths: members that are true or false: ``now`` for what is measured or ``kept`` for a
+            state, and the C name.
     """
 
     name: str
@@ -172,7 +173,7 @@ class Layout:
     states: tuple[Member, ...]
     outputs: tuple[Member, ...]
     measured: tuple[Member, ...] = ()
-    truths: frozenset[str] = frozenset()
+    truths: frozenset[tuple[str, str]] = frozenset()
 
     @property
     def signals(self) -> tuple[Member, ...]:
@@ -185,17 +186,31 @@ class Layout:
         return f"struct {self.name}_signals" if self.measured else f"{self.name}_out"
 
     def kind(self, m: Member, real: str) -> str:
-        """Type in C of what a tick gives, with numbers of this one."""
-        return "bool" if m.c in self.truths and m in self.measured else real
+        """Type in C of a member, with numbers of this one."""
+        struct = {"state": "kept", "output": "now"}.get(m.signal.role, "")
+        return "bool" if (struct, m.c) in self.truths else real
 
     def offsets(self, real: str) -> list[int]:
-        """Bytes from the begin of that struct to each of its members, and to its end."""
-        found, at, wide = [], 0, size(real)
-        for m in self.signals:
-            each = 1 if self.kind(m, real) == "bool" else wide
+        """Bytes from the begin of what a tick gives to each of its members, and to its end."""
+        return self._bytes(self.signals, real, 0)
+
+    def kept_offsets(self, real: str) -> list[int]:
+        """Bytes from the begin of what is kept to each state, and to its end."""
+        found, at = list[int](), 0
+        for _, own in self.kept:
+            *places, at = self._bytes(own, real, at)
+            found += places
+        return [*found, -(-at // size(real)) * size(real)]
+
+    def _bytes(self, members: Sequence[Member], real: str, at: int) -> list[int]:
+        """Where members of a struct lie that follows what ends ``at``, and where it ends."""
+        widths = [1 if self.kind(m, real) == "bool" else size(real) for m in members]
+        most = max(widths)
+        at, found = -(-at // most) * most, []
+        for m, each in zip(members, widths, strict=True):
             found.append(-(-at // each) * each)
             at = found[-1] + each * m.size
-        return [*found, -(-at // wide) * wide]
+        return [*found, -(-at // most) * most]
 
     @property
     def big(self) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from slipctl.ccode.module.kernel import Kernel
-from slipctl.ccode.module.layout import Layout
+from slipctl.ccode.module.layout import Layout, Member
 from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import constant
 from slipctl.ccode.tree.nodes import Node
@@ -30,57 +30,45 @@ _TRUE, _FALSE, _NO, _YES = c.name("true"), c.name("false"), constant(0.0), const
 
 @dataclass
 class _Known:
-    """What is 0 or 1: members of ``now``, states, and constants of the function at hand.
+    """What is 0 or 1: members, and constants of the function at hand.
 
     Attributes:
-        now: members of ``now``; they become true or false, and so do constants.
-        kept: states; they stay numbers.
-        arrays: those of both that are arrays.
+        members: of ``now`` and of what is kept: the struct, and the name.
+        arrays: those of them that are arrays.
         local: constants.
     """
 
-    now: set[str]
-    kept: set[str]
-    arrays: frozenset[str] = frozenset()
+    members: set[tuple[str, str]]
+    arrays: frozenset[tuple[str, str]]
     local: set[str] = field(default_factory=set)
 
     def has(self, n: Node) -> bool:
         """Whether a member or a constant is 0 or 1."""
-        return self.told(n) or _member(n) in (("kept", m) for m in self.kept)
-
-    def told(self, n: Node) -> bool:
-        """Whether it is true or false in C."""
-        if n.kind == "name":
-            return n.head in self.local
-        return _member(n) in (("now", m) for m in self.now)
+        return n.head in self.local if n.kind == "name" else _member(n) in self.members
 
 
 def with_truths(made: Kernel, layout: Layout) -> tuple[Kernel, Layout]:
-    """Equations with true or false for measurements that are 0 or 1; the layout that says which.
+    """Equations with true or false for what is 0 or 1; the layout that says what that is.
 
     Args:
         made: what is written by parts.
-        layout: of the module; a measurement or a state that may be so has a range from 0 to 1.
+        layout: of the module; only where it measures are such numbers looked for. A measurement
+            or a state that may be so has a range from 0 to 1, and a state begins as one of them.
     """
-    now, kept = (
-        [m for m in group if m.signal.lo >= 0 and m.signal.hi <= 1]
-        for group in (layout.measured, layout.states)
-    )  # fmt: skip
-    kept = [m for m in kept if not m.signal.derived
-            and np.isin(np.asarray(m.signal.value, dtype=float), (0.0, 1.0)).all()]  # fmt: skip
-    known = _Known({m.c for m in now}, {m.c for m in kept},
-                   frozenset(m.c for m in (*now, *kept) if not m.scalar))  # fmt: skip
+    rows = [("now", m) for m in layout.measured]
+    rows += [("kept", m) for m in layout.states if rows and _begins(m)]
+    rows = [(struct, m) for struct, m in rows if m.signal.lo >= 0 and m.signal.hi <= 1]
+    known = _Known({(struct, m.c) for struct, m in rows},
+                   frozenset((struct, m.c) for struct, m in rows if not m.scalar))  # fmt: skip
     bodies = [*made.functions.values(), c.block(made.lines)]
-    while known.now:
-        found = set[tuple[str, str]]()
+    lost = {("", "")}
+    while lost and known.members:
+        lost = set()
         for body in bodies:
             known.local = _constants(body, known)
-            found |= set(_refuted(body, known))
-        if not found & {*(("now", m) for m in known.now), *(("kept", m) for m in known.kept)}:
-            break
-        known.now -= {m for p, m in found if p == "now"}
-        known.kept -= {m for p, m in found if p == "kept"}
-    if not known.now:
+            lost |= known.members.intersection(_refuted(body, known))
+        known.members -= lost
+    if not known.members:
         return made, layout
     *functions, lines = [_changed(body, known) for body in bodies]
     called = c.called_functions([*functions, lines])
@@ -88,7 +76,13 @@ def with_truths(made: Kernel, layout: Layout) -> tuple[Kernel, Layout]:
         made, functions=dict(zip(made.functions, functions, strict=True)), lines=lines.parts,
         helpers=made.helpers & called,
     )  # fmt: skip
-    return new, replace(layout, truths=frozenset(known.now))
+    return new, replace(layout, truths=frozenset(known.members))
+
+
+def _begins(m: Member) -> bool:
+    """Whether a state begins as 0 or 1, whatever the parameters are."""
+    start = m.signal.value
+    return not m.signal.derived and bool(np.isin(np.asarray(start, dtype=float), (0, 1)).all())
 
 
 def _member(n: Node) -> tuple[str, str]:
@@ -134,7 +128,7 @@ def _refuted(n: Node, known: _Known, above: Node | None = None) -> Iterator[tupl
     if to is not None and (n.parts[0].head != "=" or not _is_truth(c.value(n), known)):
         yield _member(to)
     if n.kind in ("member", "index") and above is not None and not n.text.startswith("state->"):
-        whole = n.kind == "member" and above.kind != "index" and _member(n)[1] in known.arrays
+        whole = n.kind == "member" and above.kind != "index" and _member(n) in known.arrays
         if whole or (above.kind == "unary" and above.head == "&"):
             yield _member(n)
     for p in n.parts:
@@ -165,33 +159,38 @@ def _rule(n: Node, known: _Known) -> Node | None:
     """What stands for a statement or an expression; None where only what is in it changes."""
     to = c.target(n) if n.kind in ("do", "declare") else None
     if to is not None and n.parts[0].head == "=":
-        if known.told(to) and (n.kind == "do" or n.constant):
+        if known.has(to) and (n.kind == "do" or n.constant):
             kind = "const bool" if n.kind == "declare" else ""
             return replace(n, head=kind, parts=(c.op(to, "=", _truth(c.value(n), known)),))
         value = c.value(n)
-        if _is_truth(value, known) and any(known.told(x) for x in value.walk()):
+        if _is_truth(value, known) and any(known.has(x) for x in value.walk()):
             number = Node("choice", "", (_atom(_truth(value, known)), _YES, _NO))
             return replace(n, parts=(c.op(to, "=", number),))
     if n.kind == "op" and n.head in _COMPARED:
         return _comparison(n, known)
+    if n.kind == "op" and n.head == "&&":
+        sides = [p.change(lambda x: _rule(x, known)) for p in n.parts]
+        left = [p for p in sides if p != _TRUE]
+        return _joined(left, "&&") if left else _TRUE
     if n.kind == "paren":
         inner = n.parts[0].change(lambda x: _rule(x, known))
         return inner if inner.kind in _ATOMS else c.paren(inner)
-    if n.kind in ("name", "member", "index") and known.told(n):
+    if n.kind in ("name", "member", "index") and known.has(n):
         return c.paren(Node("choice", "", (n, _YES, _NO)))
     return None
 
 
 def _comparison(n: Node, known: _Known) -> Node | None:
-    """A comparison of what is true or false with a number: it itself, or its opposite."""
+    """A comparison of what is true or false with a number: it itself, its opposite, or neither."""
     sides = [_bare(p) for p in n.parts]
     for k, flag in enumerate(sides):
         number = sides[1 - k]
-        if known.told(flag) and number.kind == "number":
+        if known.has(flag) and number.kind == "number":
             at = float(number.head)
             held = [_COMPARED[n.head](*((v, at) if k == 0 else (at, v))) for v in (0.0, 1.0)]
             if held[0] != held[1]:
                 return flag if held[1] else _not(flag)
+            return _TRUE if held[0] else _FALSE
     return None
 
 
@@ -223,7 +222,7 @@ def _truth(n: Node, known: _Known) -> Node:
         if _FALSE in (yes, no):
             return _joined([asked, yes] if no == _FALSE else [_not(asked), no], "&&")
         return Node("choice", "", (_atom(asked), _atom(yes), _atom(no)))
-    return n if known.told(n) else c.op(n, "!=", _NO)
+    return n
 
 
 def _joined(conditions: Sequence[Node], sign: str) -> Node:
