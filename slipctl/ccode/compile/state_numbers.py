@@ -1,7 +1,7 @@
 """What a module keeps as numbers, in the order of its states: for tests, FMUs and Python.
 
-Where all of it is numbers they lie in this order already. Where some is true or false, 1 and 0
-stand for that, and what is not 0 is true.
+Where all of it is real numbers they lie in this order already. For true and false stand 1 and 0,
+and what is not 0 is true. What no counter can be is its 0.
 """
 
 from __future__ import annotations
@@ -14,13 +14,11 @@ def numbers_of(layout: Layout, real: str) -> str:
     rows, at = list[str](), 0
     for m in layout.states:
         place = f"kept->{layout.places[m.c]}"
-        if layout.kind(m, real) == "bool":
-            one = f"x[{at}] = ({real})({place} ? 1 : 0);"
-            each = f"x[{at} + k] = ({real})({place}[k] ? 1 : 0);"
-        else:
-            one = f"x[{at}] = {place};"
-            each = f"x[{at} + k] = {place}[k];"
-        rows.append(one if m.scalar else f"for (k = 0; k < {m.size}; ++k) {{ {each} }}")
+        place += "" if m.scalar else "[k]"
+        wide = {"bool": f"({real})({place} ? 1 : 0)", "unsigned int": f"({real}){place}"}
+        value = wide.get(layout.kind(m, real), place)
+        each = f"x[{at}{'' if m.scalar else ' + k'}] = {value};"
+        rows.append(each if m.scalar else f"for (k = 0; k < {m.size}; ++k) {{ {each} }}")
         at += m.size
     return _function(f"numbers_of(const struct {layout.name}_kept *kept, {real} *x)", rows)
 
@@ -30,7 +28,10 @@ def take_numbers(layout: Layout, real: str) -> str:
     rows, at = list[str](), 0
     for m in layout.states:
         place, number = f"kept->{layout.places[m.c]}", f"x[{at}]" if m.scalar else f"x[{at} + k]"
-        value = f"({number} != ({real})0)" if layout.kind(m, real) == "bool" else number
+        there = f"({number} >= ({real})0) && ({number} <= ({real})1e6)"
+        whole = {"bool": f"({number} != ({real})0)",
+                 "unsigned int": f"({there}) ? (unsigned int){number} : 0U"}  # fmt: skip
+        value = whole.get(layout.kind(m, real), number)
         each = f"{place}{'' if m.scalar else '[k]'} = {value};"
         rows.append(each if m.scalar else f"for (k = 0; k < {m.size}; ++k) {{ {each} }}")
         at += m.size

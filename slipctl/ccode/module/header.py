@@ -60,12 +60,13 @@ def head(plan: Plan, file: str) -> str:
     )
 
 
-def member_comment(m: Member, indent: str = "    ", truth: bool = False) -> str:
-    """Say what a signal is: unit, meaning, convention, range, value, source."""
+def member_comment(m: Member, indent: str = "    ", kind: str = "") -> str:
+    """Say what a signal is: unit, meaning, convention, range, value, source; of an integer less."""
     s = m.signal
-    if truth:
-        said = [f"{m.name}: {s.doc or m.name}", "1 stands for true"]
-        said += [f"start {_short(s.value)}"] * (s.value is not None)
+    if kind in ("bool", "unsigned int"):
+        most = "1 stands for true" if kind == "bool" else f"at most {s.hi:g}"
+        said = [f"{m.name}: {s.doc or m.name}", most]
+        said += [f"start {_short(s.value).replace('.0', '')}"] * (s.value is not None)
         return comment("; ".join(" ".join(x.split()) for x in said), indent)
     said = [f"{m.name} [{s.unit}]: {s.doc or m.name}"]
     if s.positive:
@@ -108,7 +109,7 @@ def header(plan: Plan) -> str:
     states = ",\n".join(
         f"{comment(what, '    ')}\n    {big}_{k} = {v}" for k, v, what in statuses(plan)
     )
-    included = "\n#include <stdbool.h>\n" * bool(lay.truths)
+    included = "\n#include <stdbool.h>\n" * ("bool" in lay.kinds.values())
     parts = [
         head(plan, f"{plan.name}.h"),
         _about(plan),
@@ -207,7 +208,7 @@ def _state(plan: Plan) -> str:
         lines += [comment(told), f"{lay.now} {{"]
         for m in lay.signals:
             kind = lay.kind(m, real)
-            lines += [member_comment(m, truth=kind == "bool"), f"    {m.declared(kind)}"]
+            lines += [member_comment(m, kind=kind), f"    {m.declared(kind)}"]
         lines += ["};", ""]
     lines += [
         comment("State: set by init, changed by step; a copy of the struct saves an instance."),
@@ -238,7 +239,7 @@ def _kept(plan: Plan) -> list[str]:
         members = [
             line for m in own for name in [own_name(m) if struct else m.c]
             for kind in [plan.layout.kind(m, real)]
-            for line in (member_comment(m, truth=kind == "bool"),
+            for line in (member_comment(m, kind=kind),
                          f"    {m.declared(kind, name)}")
         ]  # fmt: skip
         if not struct:

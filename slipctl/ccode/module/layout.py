@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
 from typing import Any
@@ -162,8 +162,8 @@ class Layout:
     """Members of the structs of one C module.
 
     Attributes:
-        truths: members that are true or false: ``now`` for what is measured or ``kept`` for a
-            state, and the C name.
+        kinds: types of members that are no real numbers, by the struct, ``now`` or ``kept``, and
+            the C name.
     """
 
     name: str
@@ -173,7 +173,7 @@ class Layout:
     states: tuple[Member, ...]
     outputs: tuple[Member, ...]
     measured: tuple[Member, ...] = ()
-    truths: frozenset[tuple[str, str]] = frozenset()
+    kinds: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
     @property
     def signals(self) -> tuple[Member, ...]:
@@ -188,7 +188,7 @@ class Layout:
     def kind(self, m: Member, real: str) -> str:
         """Type in C of a member, with numbers of this one."""
         struct = {"state": "kept", "output": "now"}.get(m.signal.role, "")
-        return "bool" if (struct, m.c) in self.truths else real
+        return self.kinds.get((struct, m.c), real)
 
     def offsets(self, real: str) -> list[int]:
         """Bytes from the begin of what a tick gives to each of its members, and to its end."""
@@ -204,7 +204,8 @@ class Layout:
 
     def _bytes(self, members: Sequence[Member], real: str, at: int) -> list[int]:
         """Where members of a struct lie that follows what ends ``at``, and where it ends."""
-        widths = [1 if self.kind(m, real) == "bool" else size(real) for m in members]
+        width = {"bool": 1, "unsigned int": 4, real: size(real)}
+        widths = [width[self.kind(m, real)] for m in members]
         most = max(widths)
         at, found = -(-at // most) * most, []
         for m, each in zip(members, widths, strict=True):

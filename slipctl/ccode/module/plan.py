@@ -28,9 +28,9 @@ from slipctl.ccode.module.layout import (
     started_copies,
 )
 from slipctl.ccode.module.wires import Place, Wires
+from slipctl.ccode.passes.integers import with_integers
 from slipctl.ccode.passes.precision import check_real, round_to_real, size
 from slipctl.ccode.passes.rolled_loops import roll_lines
-from slipctl.ccode.passes.truths import with_truths
 from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import FINITE, NUMBER, Unsupported, Writer, number
 from slipctl.ccode.tree.nodes import Node
@@ -98,7 +98,8 @@ class Plan:
         try:
             if block.composition.split:  # only CasADi's text leaves what is prepared where it lies
                 raise Unsupported("a tick in two parts")
-            self.equations, self.layout = with_truths(self._by_parts(), self.layout)
+            made, ticks = self._by_parts(), [m for m, _ in self.counters]
+            self.equations, self.layout = with_integers(made, self.layout, ticks)
         except Unsupported:  # a table, say; then it is one function, of what is asked for
             self.whole, self.layout = self.block, replace(self.layout, measured=())
             self.equations = kernel(
@@ -250,7 +251,7 @@ class Plan:
     def ranged(self, m: Member) -> bool:
         """Whether a number has a range of its own."""
         ends = any(math.isfinite(v) for v in self.limits(m)) or self.follows((m,))
-        return ends and self.layout.kind(m, self.real) != "bool"
+        return ends and self.layout.kind(m, self.real) == self.real
 
     def ends(self, members: Iterable[Member], values: Mapping[str, Any]) -> Ends:
         """Range, largest change per tick and noise of each element, in numbers that C has."""
@@ -370,13 +371,12 @@ class Plan:
         Of what is written several times, such as an output of a part that leaves the controller
         too, there is one.
         """
-        made, found = self.equations, []
-        seen: set[str] = set()
+        made, found, seen = self.equations, [], set[str]()
         for i, (m, pointer) in enumerate(self.results):
             for k in range(m.size):
                 text = str(made.results.get((i, k), f"{pointer}{m.c} {k}"))
                 tested = pointer == "next->" and self.ranged(m)
-                sure = (i, k) in made.finite or self.layout.kind(m, self.real) == "bool"
+                sure = (i, k) in made.finite or self.layout.kind(m, self.real) != self.real
                 if text not in seen and not sure and not tested:
                     found.append((m, pointer, k))
                 seen.add(text)

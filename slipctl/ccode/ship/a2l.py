@@ -124,7 +124,8 @@ def _offsets(members: Iterable[Member], width: int) -> list[int]:
 
 def _type(plan: Plan, m: Member, kind: str) -> str:
     """Type of a member, with numbers of this kind."""
-    return "UBYTE" if plan.layout.kind(m, plan.real) == "bool" else kind
+    types = {"bool": "UBYTE", "unsigned int": "ULONG"}
+    return types.get(plan.layout.kind(m, plan.real), kind)
 
 
 def _within(struct: str) -> str:

@@ -1,13 +1,14 @@
-"""What is 0 or 1 in the model, whatever happens, as true or false in C.
+"""What is 0 or 1 in the model, whatever happens, as true or false in C; counters as integers.
 
 That is found in the statements themselves: all that a member is ever given is 0, 1, a choice of
 such numbers, or another such member. So no value is lost, and every other number keeps its bits.
+A counter of ticks is given whole numbers and one more than itself, and compared with some.
 """
 
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -35,11 +36,13 @@ class _Known:
     Attributes:
         members: of ``now`` and of what is kept: the struct, and the name.
         arrays: those of them that are arrays.
+        counts: counters of ticks, members of what is kept.
         local: constants.
     """
 
     members: set[tuple[str, str]]
     arrays: frozenset[tuple[str, str]]
+    counts: frozenset[tuple[str, str]]
     local: set[str] = field(default_factory=set)
 
     def has(self, n: Node) -> bool:
@@ -47,19 +50,27 @@ class _Known:
         return n.head in self.local if n.kind == "name" else _member(n) in self.members
 
 
-def with_truths(made: Kernel, layout: Layout) -> tuple[Kernel, Layout]:
+class _Otherwise(Exception):
+    """A counter is used as a number."""
+
+
+def with_integers(
+    made: Kernel, layout: Layout, counters: Collection[Member]
+) -> tuple[Kernel, Layout]:
     """Equations with true or false for what is 0 or 1; the layout that says what that is.
 
     Args:
         made: what is written by parts.
         layout: of the module; only where it measures are such numbers looked for. A measurement
             or a state that may be so has a range from 0 to 1, and a state begins as one of them.
+        counters: states that count ticks; they are integers if all of them can be.
     """
     rows = [("now", m) for m in layout.measured]
     rows += [("kept", m) for m in layout.states if rows and _begins(m)]
     rows = [(struct, m) for struct, m in rows if m.signal.lo >= 0 and m.signal.hi <= 1]
     known = _Known({(struct, m.c) for struct, m in rows},
-                   frozenset((struct, m.c) for struct, m in rows if not m.scalar))  # fmt: skip
+                   frozenset((struct, m.c) for struct, m in rows if not m.scalar),
+                   frozenset(("kept", m.c) for m in counters if layout.measured))  # fmt: skip
     bodies = [*made.functions.values(), c.block(made.lines)]
     lost = {("", "")}
     while lost and known.members:
@@ -68,15 +79,20 @@ def with_truths(made: Kernel, layout: Layout) -> tuple[Kernel, Layout]:
             known.local = _constants(body, known)
             lost |= known.members.intersection(_refuted(body, known))
         known.members -= lost
-    if not known.members:
+    if not known.members and not known.counts:
         return made, layout
-    *functions, lines = [_changed(body, known) for body in bodies]
+    try:
+        *functions, lines = [_changed(body, known) for body in bodies]
+    except _Otherwise:
+        known.counts = frozenset()
+        *functions, lines = [_changed(body, known) for body in bodies]
     called = c.called_functions([*functions, lines])
     new = replace(
         made, functions=dict(zip(made.functions, functions, strict=True)), lines=lines.parts,
         helpers=made.helpers & called,
     )  # fmt: skip
-    return new, replace(layout, truths=frozenset(known.members))
+    kinds = dict.fromkeys(known.members, "bool") | dict.fromkeys(known.counts, "unsigned int")
+    return new, replace(layout, kinds=kinds)
 
 
 def _begins(m: Member) -> bool:
@@ -162,6 +178,8 @@ def _rule(n: Node, known: _Known) -> Node | None:
         if known.has(to) and (n.kind == "do" or n.constant):
             kind = "const bool" if n.kind == "declare" else ""
             return replace(n, head=kind, parts=(c.op(to, "=", _truth(c.value(n), known)),))
+        if _member(to) in known.counts:
+            return replace(n, parts=(c.op(to, "=", _whole(c.value(n), known)),))
         value = c.value(n)
         if _is_truth(value, known) and any(known.has(x) for x in value.walk()):
             number = Node("choice", "", (_atom(_truth(value, known)), _YES, _NO))
@@ -175,6 +193,8 @@ def _rule(n: Node, known: _Known) -> Node | None:
     if n.kind == "paren":
         inner = n.parts[0].change(lambda x: _rule(x, known))
         return inner if inner.kind in _ATOMS else c.paren(inner)
+    if n.kind in ("member", "index") and _member(n) in known.counts:
+        raise _Otherwise
     if n.kind in ("name", "member", "index") and known.has(n):
         return c.paren(Node("choice", "", (n, _YES, _NO)))
     return None
@@ -191,7 +211,28 @@ def _comparison(n: Node, known: _Known) -> Node | None:
             if held[0] != held[1]:
                 return flag if held[1] else _not(flag)
             return _TRUE if held[0] else _FALSE
+    if any(_member(s) in known.counts for s in sides):
+        least = sides[0] == _NO and n.head == "<="  # which every integer without a sign is above
+        return _TRUE if least else c.op(_whole(sides[0], known), n.head, _whole(sides[1], known))
     return None
+
+
+def _whole(n: Node, known: _Known) -> Node:
+    """What a counter is given or compared with, as an integer.
+
+    Raises:
+        _Otherwise: another number.
+    """
+    if n.kind == "number" and float(n.head) in range(2**31):
+        return Node("number", f"{int(float(n.head))}U")
+    if n.kind == "paren" or (n.kind == "op" and n.head == "+"):
+        return replace(n, parts=tuple(_whole(p, known) for p in n.parts))
+    if n.kind == "choice":
+        asked = n.parts[0].change(lambda x: _rule(x, known))
+        return replace(n, parts=(asked, *(_whole(p, known) for p in n.parts[1:])))
+    if _member(n) not in known.counts:
+        raise _Otherwise
+    return n
 
 
 def _bare(n: Node) -> Node:
