@@ -26,7 +26,7 @@ def take_numbers(layout: Layout, real: str) -> str:
     for size, kind, place, number in _places(layout, real):
         there = f"({number} >= ({real})0) && ({number} <= ({real})1e6)"
         whole = {"bool": f"({number} != ({real})0)",
-                 "unsigned int": f"({there}) ? (unsigned int){number} : 0U"}  # fmt: skip
+                 "unsigned int": f"({there}) ? (unsigned int)(int){number} : 0U"}  # fmt: skip
         rows.append(_each(size, f"{place} = {whole.get(kind, number)};"))
     return _function(f"take_numbers(const {real} *x, struct {layout.name}_kept *kept)", rows)
 
