@@ -193,6 +193,9 @@ def tool() -> str:
     )
 
 
+_MOVED = "(memcmp(&before.kept, &state.kept, sizeof(state.kept)) != 0)"
+
+
 def harness(plan: Plan) -> str:
     """Text of the program that libFuzzer calls."""
     lay = plan.layout
@@ -235,7 +238,7 @@ def harness(plan: Plan) -> str:
         numbers=f"    static real numbers[{sum(m.size for m in lay.states)}];\n" * kept,
         finite_state="numbers_of(&state.kept, numbers);\n"
         f"    finite(numbers, {sum(m.size for m in lay.states)});" * kept,
-        moved="(memcmp(&before.kept, &state.kept, sizeof(state.kept)) != 0)" if kept else "false",
+        moved=_MOVED if kept else "(0 != 0)",
     )  # fmt: skip
 
 

@@ -121,7 +121,7 @@ def spoilt_inputs(plan: Plan) -> str:
 def _same_kept(plan: Plan, other: str) -> str:
     """Condition: another instance keeps the same."""
     kept = f"same(&{other}.kept, &state.kept, sizeof(state.kept))"
-    return kept if plan.layout.states else "true"
+    return kept if plan.layout.states else f"same(&{other}, &state, 0U)"
 
 
 def stale_ticks(plan: Plan) -> int:

@@ -420,7 +420,7 @@ def misuse(plan: Plan) -> str:
             fitted=_FITTED.format(big=big) * plan.coupled,
         ) * (plan.n_in > 0) + _COUNT.format(
             n=n, big=big, missed=_missed(plan),
-            same_kept=_SAME_KEPT if lay.states else "true",
+            same_kept=_SAME_KEPT if lay.states else "same(&plain, &state, 0U)",
         ) * plan.counter,
         wander=_WANDER if plan.n_in else "",
         counted="    trials += miscounted(&in, kept);\n" * plan.counter,
