@@ -6,7 +6,8 @@ faults that are drawn in the place of the table with ``--drawn``.
 ``python -m bench.faults [STUDY[:LOOP[@SCENARIO]] ...] [--out FILE]`` runs every
 fault of :mod:`bench.loops.wrong_samples` at two instants of a run of each, and prints a line for
 each that does harm. Exit code 1 where one does; with ``--told FILE`` only one that the file does
-not have. Each row is written when it is there, so ``--missing`` goes on where a run has ended.
+not have. Each row is written when it is there, of a vehicle's file a situation at once. So
+``--missing`` goes on where a run has ended.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ import argparse
 import math
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -231,9 +233,13 @@ def _faults_of(trip: Trip, name: str, drawn: int) -> Iterator[tuple[vehicle_faul
             yield found
 
 
-def vehicle_table(
-    path: str, wanted: Sequence[str], in_c: bool, drawn: int = 0
-) -> list[dict[str, Any]]:
+def vehicle_rows(
+    path: str,
+    wanted: Sequence[str],
+    in_c: bool,
+    drawn: int = 0,
+    done: Collection[tuple[str, str]] = (),
+) -> Iterator[list[dict[str, Any]]]:
     """Rows of the campaign of a vehicle's file: controller, situation, fault, what came of it.
 
     Args:
@@ -241,24 +247,38 @@ def vehicle_table(
         wanted: names of controllers; none takes all that slip control has.
         in_c: compare each run with the C, to the last bit.
         drawn: faults that are drawn, in the place of the table; 0 takes the table.
+        done: controllers and situations that are left out.
     """
     trip = load_trip(path)
-    rows: list[dict[str, Any]] = []
     names = [n for n, c in trip.controllers.items() if not isinstance(c, DemandAlone)]
-    for name in wanted or names:
-        for situation in vehicle_faults.situations(trip):
-            campaign = vehicle_faults.Campaign(trip, name, situation)
-            with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-                c = vehicle_faults.InC(campaign, Path(scratch)) if in_c else None
-                for faults_ in [(), *_faults_of(trip, name, drawn)]:
-                    log = campaign.log(*faults_)
-                    row = {"controller": name, "situation": situation,
-                           "fault": "; ".join(map(str, faults_)) or "none",
-                           **asdict(campaign.outcome(log)),
-                           "c_differs": c.differs(log) if c else None}  # fmt: skip
-                    rows.append(row)
-                    print(*row.values(), sep="  ", flush=True)
-    return rows
+    for name, situation in product(wanted or names, vehicle_faults.situations(trip)):
+        if (name, situation) in done:
+            continue
+        campaign, rows = vehicle_faults.Campaign(trip, name, situation), list[dict[str, Any]]()
+        with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
+            c = vehicle_faults.InC(campaign, Path(scratch)) if in_c else None
+            for faults_ in [(), *_faults_of(trip, name, drawn)]:
+                log = campaign.log(*faults_)
+                row = {"controller": name, "situation": situation,
+                       "fault": "; ".join(map(str, faults_)) or "none",
+                       **asdict(campaign.outcome(log)),
+                       "c_differs": c.differs(log) if c else None}  # fmt: skip
+                rows.append(row)
+                print(*row.values(), sep="  ", flush=True)
+        yield rows
+
+
+def _vehicle(path: str, name: str, options: argparse.Namespace) -> int:
+    """Campaign of a vehicle's file; each situation is written when it is there."""
+    out, kept = Path(options.out or ""), list[dict[str, Any]]()
+    if options.missing and options.out and out.exists():
+        kept = store.read_json(out)["rows"]
+    done = {(row["controller"], row["situation"]) for row in kept}
+    for rows in vehicle_rows(path, [name] if name else [], options.c, options.drawn, done):
+        kept += vehicle_faults.worst_rows(rows)
+        if options.out:
+            store.write_json(out, {"file": Path(path).name, "rows": kept})
+    return int(any(row["latched"] or row["c_differs"] for row in kept))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -278,11 +298,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         (path, _, name), *more = (n.partition(":") for n in options.loops)
         if more:
             raise BadInput("one vehicle's file at a time: metro.toml, or metro.toml:pid")
-        rows = vehicle_table(path, [name] if name else [], options.c, options.drawn)
-        if options.out:
-            kept = vehicle_faults.worst_rows(rows)
-            store.write_json(Path(options.out), {"file": Path(path).name, "rows": kept})
-        return int(any(row["latched"] or row["c_differs"] for row in rows))
+        return _vehicle(path, name, options)
     found: dict[str, dict[str, Any]] = {}
     if options.out and Path(options.out).exists():
         found = store.read_json(Path(options.out))["controllers"]

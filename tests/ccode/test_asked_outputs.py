@@ -8,6 +8,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from casadi import fabs, fmin, if_else
 
 from slipctl import Input, Output, State, connect, law, step
 from slipctl.block.transforms.asked_outputs import asked_outputs, inner_outputs
@@ -21,10 +22,13 @@ def mean(x=State("1", 0.0, "mean", lo=-1e3, hi=1e3), u=Input("1", "sample", lo=-
     return dict(x=now), dict(level=now)
 
 
-@law(y=Output("1", "twice", lo=-2e3, hi=2e3), z=Output("1", "half", lo=-1e3, hi=1e3))
+@law(
+    y=Output("1", "twice", lo=-2e3, hi=2e3), low=Output("1", "1 while it is low", lo=0, hi=1),
+    z=Output("1", "half", lo=-1e3, hi=1e3), share=Output("1", "a number from 0 on", lo=0, hi=1),
+)  # fmt: skip
 def scaled(u=Input("1", "level")):
-    """Twice and half."""
-    return dict(y=2 * u, z=u / 2)
+    """Twice and half, and whether that is low."""
+    return dict(y=2 * u, low=if_else(u < 0.15, 1, 0), z=u / 2, share=fmin(fabs(u), 1))
 
 
 def pair():
@@ -34,7 +38,8 @@ def pair():
 
 
 def test_outputs_that_no_wire_leads_out_are_inner():
-    assert inner_outputs(pair()) == ["mean.level", "scaled.y", "scaled.z"]
+    inner = ["mean.level", "scaled.y", "scaled.low", "scaled.z", "scaled.share"]
+    assert inner_outputs(pair()) == inner
     assert list(asked_outputs(pair()).outputs) == ["y"]
     alone = connect("alone", {"mean.u": "u"}, mean=mean)
     assert asked_outputs(alone) is alone
@@ -52,9 +57,11 @@ def test_c_gives_the_outputs_and_keeps_the_rest_as_measurements(tmp_path):
     compiler = shutil.which("cc") or "gcc"
     subprocess.run([compiler, "main.c", "pair.c", "-lm", "-o", run], cwd=tmp_path, check=True)
     told = subprocess.run([run], capture_output=True, text=True, check=True).stdout.split()
-    y, level, twice, half, size, at = map(float, told)
-    np.testing.assert_array_equal([y, level, twice, half], [0.2, 0.1, 0.2, 0.05])
+    y, level, twice, low, half, size, at = map(float, told)
+    np.testing.assert_array_equal([y, level, twice, low, half], [0.2, 0.1, 0.2, 1, 0.05])
     assert report.data["memory_bytes"]["state"] == size
+    signals = re.search(r"struct pair_signals \{(.*?)\};", text, re.DOTALL)
+    assert re.findall(r"bool (\w+)", signals[1]) == ["scaled_low"]  # a share may be 0.1 too
     a2l = (tmp_path / "pair.a2l").read_text(encoding="utf-8")
     place = re.search(r'SYMBOL_LINK "\w+" (\d+)', a2l.split("pair_state.measured.scaled_z")[1])
     assert int(place[1]) == at
@@ -73,8 +80,8 @@ int main(void)
     pair_default(&param);
     (void)pair_init(&param, &state);
     (void)pair_step(&in, &param, &state, &out);
-    printf("%.17g %.17g %.17g %.17g %zu %zu", out.y, state.measured.mean_level,
-        state.measured.scaled_y, state.measured.scaled_z, sizeof state,
+    printf("%.17g %.17g %.17g %d %.17g %zu %zu", out.y, state.measured.mean_level,
+        state.measured.scaled_y, state.measured.scaled_low, state.measured.scaled_z, sizeof state,
         offsetof(pair_state, measured) + offsetof(struct pair_signals, scaled_z));
     return 0;
 }

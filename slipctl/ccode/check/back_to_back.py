@@ -11,6 +11,7 @@ import numpy as np
 from slipctl.ccode.check import guard_trial
 from slipctl.ccode.check.vectors.expected_outputs import Expected, last_states
 from slipctl.ccode.check.vectors.misuse import misuse
+from slipctl.ccode.compile.state_numbers import numbers_of
 from slipctl.ccode.module import rates
 from slipctl.ccode.module.comments import ascii_text
 from slipctl.ccode.module.header import CONTENT, STATUS, bit, head
@@ -96,7 +97,7 @@ _PATH = """#ifdef ON_BOARD
 
 _PIECES = """#ifndef ON_BOARD
 {calls}        differently += ((got_pieces == got_status) && same(&out_pieces, &out, sizeof(out))
-                        && same(&pieces, &state, (size_t)N_STATE * sizeof(real))) ? 0 : 1;
+                        && same(&pieces.kept, &state.kept, sizeof(state.kept))) ? 0 : 1;
 #endif
 """
 
@@ -229,7 +230,7 @@ static int in_binary(FILE *file, FILE *copy, int ticks, int every)
 }}
 #endif
 
-{same}{rounded}{misuse}{main}
+{same}{rounded}{numbers}{misuse}{main}
 {{
     static double row[N_ROW];
     static real raw[N_ROW];
@@ -399,6 +400,7 @@ def _declarations(plan: Plan) -> dict[str, str]:
         "table": guard_trial.input_ranges(_ends(plan), plan.judged) if given else "",
         "guarded": guard_trial.guarded_count(plan),
         "same": _SAME if given else f"#ifndef ON_BOARD\n{_SAME.rstrip()}\n#endif\n\n",
+        "numbers": numbers_of(lay, plan.real) if lay.states else "",
         "rounded": _ROUNDED if given or lay.params else "", "misuse": misuse(plan), "main": _MAIN,
     }  # fmt: skip
 
@@ -408,7 +410,7 @@ def _statements(plan: Plan) -> dict[str, str]:
     n, lay, guarded = plan.name, plan.layout, guard_trial.guarded_count(plan)
     of_state = (
         "        if (now == N_TICK) {\n"
-        "            copied(&given[N_OUT], &state, (size_t)N_STATE * sizeof(real));\n        }\n"
+        "            numbers_of(&state.kept, &given[N_OUT]);\n        }\n"
     )
     return {
         "take_in": _taken("in", 8) if lay.inputs else "",

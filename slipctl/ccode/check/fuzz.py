@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from slipctl.ccode.compile.compilers import version
+from slipctl.ccode.compile.state_numbers import numbers_of
 from slipctl.ccode.module import guard
 from slipctl.ccode.module.layout import c_elements
 from slipctl.ccode.module.plan import Plan
@@ -95,7 +96,7 @@ static void finite(const real *x, size_t n)
     }}
 }}
 
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+{numbers_of}int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {{
@@ -107,7 +108,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     int tick;
     int k;
     uint8_t tuned = 0;
-    at = data;
+{numbers}    at = data;
     left = size;
     {n}_default(&param);
     (void)memset(&in, 0, sizeof(in));
@@ -120,7 +121,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         drawn((real *)&param, range_param, {n_param});
         (void){n}_init(&param, &state);
     }}
-    finite((const real *)&state, {n_state});
+    {finite_state}
     for (tick = 0; (tick < {ticks}) && (left > 0U); ++tick) {{
         int status;
         if ((tuned % 4U) == 2U) {{
@@ -130,7 +131,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         drawn((real *)&in, range_in, {n_in});
         (void)memcpy(&before, &state, sizeof(state));
         status = {n}_step(&in, &param, &state, &out);
-        finite((const real *)&state, {n_state});
+        {finite_state}
         finite((const real *)&out, {n_out});
         for (k = 0; k < {n_out}; ++k) {{
             const double y = (double)((const real *)&out)[k];
@@ -143,7 +144,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             }}
         }}
         if (((status & ((int){big}_REFUSED | (int){big}_RESET)) == (int){big}_REFUSED)
-            && (memcmp(&before, &state, {n_state} * sizeof(real)) != 0)) {{
+            && {moved}) {{
             abort();
         }}
     }}
@@ -192,6 +193,9 @@ def tool() -> str:
     )
 
 
+_MOVED = "(memcmp(&before.kept, &state.kept, sizeof(state.kept)) != 0)"
+
+
 def harness(plan: Plan) -> str:
     """Text of the program that libFuzzer calls."""
     lay = plan.layout
@@ -220,6 +224,7 @@ def harness(plan: Plan) -> str:
     good = ", ".join(number(float(v)) for v in np.clip(values, lows, highs))
     settled = guard.memory(plan.period, plan.stale) + np.ceil(SETTLED / (plan.period or 1e-3))
     safe = ", ".join(number(plan.safe.get(m.c, np.nan)) for m in lay.outputs for _ in range(m.size))
+    kept = bool(lay.states)
     return _HARNESS.format(
         n=plan.name, big=lay.big, real=plan.real, ticks=TICKS,
         range_in=ranges(lay.inputs, 100.0), range_param=ranges(lay.params, 1e3),
@@ -227,9 +232,13 @@ def harness(plan: Plan) -> str:
         range_out=outs or "{0.0, 0.0}", safe_out=safe or "0.0",
         **{
             k: sum(m.size for m in g)
-            for k, g in (("n_in", lay.inputs), ("n_param", lay.params), ("n_out", lay.outputs),
-                         ("n_state", (*lay.states,)))
+            for k, g in (("n_in", lay.inputs), ("n_param", lay.params), ("n_out", lay.outputs))
         },
+        numbers_of=numbers_of(lay, plan.real) * kept,
+        numbers=f"    static real numbers[{sum(m.size for m in lay.states)}];\n" * kept,
+        finite_state="numbers_of(&state.kept, numbers);\n"
+        f"    finite(numbers, {sum(m.size for m in lay.states)});" * kept,
+        moved=_MOVED if kept else "(0 != 0)",
     )  # fmt: skip
 
 

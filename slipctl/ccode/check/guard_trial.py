@@ -78,7 +78,7 @@ def spoilt_inputs(plan: Plan) -> str:
         got_status = {n}_step(&last, &param, &state, &out);
         good = state.held;
 {safe}        still = (got_status == ({big}_BAD_INPUT | {big}_REFUSED))
-            && same(&before, &state, (size_t)N_STATE * sizeof(real))
+            && {_same_kept(plan, "before")}
             && same(&good, &out, sizeof(out));
     }}
 """
@@ -107,7 +107,7 @@ def spoilt_inputs(plan: Plan) -> str:
             copied(&last, raw, sizeof(last));
             got_status = {n}_step(&last, &param, &state, &out);
             if ((got_status == (as_last | wanted))
-                && same(&plain, &state, (size_t)N_STATE * sizeof(real))
+                && {_same_kept(plan, "plain")}
                 && same(&good, &out, sizeof(out))) {{
                 refused += (j < 0) ? 1 : 0;
                 held += (j >= 0) ? 1 : 0;
@@ -116,6 +116,12 @@ def spoilt_inputs(plan: Plan) -> str:
         }}
     }}
 {stale}"""
+
+
+def _same_kept(plan: Plan, other: str) -> str:
+    """Condition: another instance keeps the same."""
+    kept = f"same(&{other}.kept, &state.kept, sizeof(state.kept))"
+    return kept if plan.layout.states else f"same(&{other}, &state, 0U)"
 
 
 def stale_ticks(plan: Plan) -> int:

@@ -12,20 +12,22 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.ccode.compile.compilers import TOLD, compile_object, compilers, link
+from slipctl.ccode.compile.state_numbers import numbers_of, take_numbers
 from slipctl.ccode.module.layout import Member, c_elements, matrix
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes.precision import size
 from slipctl.errors import BadInput, RunFailed, nearest
 
 _REPLAY = """#include "{n}.h"
-#include <string.h>
 #include <time.h>
 
 int bind_sizes(int which);
 int bind_replay(int ticks, const {n}_in *in, const {n}_param *param, {n}_state *state, {n}_out *out,
                 {real} *states, int *status, const {n}_in *beside, {n}_state *other);
+void bind_numbers(const {n}_state *state, {real} *states);
+void bind_take(const {real} *states, {n}_state *state);
 
-int bind_sizes(int which)
+{access}int bind_sizes(int which)
 {{
     const size_t sizes[4] = {{
         sizeof({n}_in), sizeof({n}_param), sizeof({n}_state), sizeof({n}_out)
@@ -48,6 +50,16 @@ int bind_replay(int ticks, const {n}_in *in, const {n}_param *param, {n}_state *
         {keep}
     }}
     return bad;
+}}
+
+void bind_numbers(const {n}_state *state, {real} *states)
+{{
+    {numbers}
+}}
+
+void bind_take(const {real} *states, {n}_state *state)
+{{
+    {take}
 }}
 """
 
@@ -103,11 +115,16 @@ class CModule:
     @property
     def binding(self) -> str:
         """C text that replays ticks, for a library that is called from here."""
-        keep = "(void)states;"
-        if self._plan.layout.states:
-            n = _size(self._plan.layout.states)
-            keep = f"memcpy(states + k * {n}, state, {n} * sizeof({self._plan.real}));"
-        return _REPLAY.format(n=self.name, keep=keep, real=self._plan.real)
+        lay, real = self._plan.layout, self._plan.real
+        texts = {"access": "", "keep": "(void)states;", "numbers": "(void)state, (void)states;"}
+        if lay.states:
+            texts = {
+                "access": f"{numbers_of(lay, real)}{take_numbers(lay, real)}",
+                "keep": f"numbers_of(&state->kept, states + k * {_size(lay.states)});",
+                "numbers": "numbers_of(&state->kept, states);",
+                "take": "take_numbers(states, &state->kept);",
+            }
+        return _REPLAY.format(n=self.name, real=real, **{"take": texts["numbers"], **texts})
 
     @property
     def object_file(self) -> Path:
@@ -143,7 +160,7 @@ class CModule:
         bytes_ = [int(self._lib.bind_sizes(k)) for k in range(4)]
         for what, group, count in zip(("in", "param", "state", "out"), groups, bytes_, strict=True):
             wanted = width * max(_size(group), 1)
-            if count != wanted and not (what == "state" and count >= wanted):
+            if count != wanted and what != "state":
                 raise RunFailed(f"{self.name}_{what} has gaps: {count} bytes instead of {wanted}")
         self._in, self._param, self._state, self._out = (
             np.zeros(b // width + 1, kind) for b in bytes_
@@ -196,7 +213,14 @@ class CModule:
     @property
     def state(self) -> dict[str, Any]:
         """States by name, as they are now."""
-        return _values(self._plan.layout.states, self._state)
+        return _values(self._plan.layout.states, self._numbers())
+
+    def _numbers(self) -> np.ndarray:
+        """Numbers of the states, one below the other."""
+        found = np.zeros(max(_size(self._plan.layout.states), 1), self._kind)
+        self._need_load()
+        self._lib.bind_numbers(*(a.ctypes.data_as(_VOID) for a in (self._state, found)))
+        return found
 
     def replay(self, inputs: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """Run one tick per element of the inputs, looping in C from the present state.
@@ -251,11 +275,12 @@ class CModule:
         before = self._param.copy(), self._state.copy()
         try:
             self.reset(**{k: v for k, v in numbers.items() if k in self.block.params})
-            at = 0
+            states, at = self._numbers(), 0
             for m in self._plan.layout.states:
                 if m.name in numbers:
-                    self._state[at : at + m.size] = c_elements(m, numbers[m.name])
+                    states[at : at + m.size] = c_elements(m, numbers[m.name])
                 at += m.size
+            self._lib.bind_take(*(a.ctypes.data_as(_VOID) for a in (states, self._state)))
             y = self.step(**{k: v for k, v in numbers.items() if k in self.block.inputs})
             return y if self.block.kind == "law" else (self.state, y)
         finally:

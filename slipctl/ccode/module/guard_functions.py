@@ -222,17 +222,19 @@ def catch_up(plan: Plan) -> list[Node]:
     """Function that moves on the counters of parts that run every few ticks."""
     if not plan.counters:
         return []
-    lines = []
+    lines, missed = list[str](), "double missed"
     for m, ticks in plan.counters:
         at = m.at("x->", 0) if m.size == 1 else f"x->{m.c}[k]"
         line = f"{at} = later({at}, missed, {number(float(ticks))});"
+        if plan.layout.kind(m, plan.real) != plan.real:
+            line, missed = f"{at} = ({at} + (missed % {ticks}U)) % {ticks}U;", "unsigned int missed"
         lines.append(line if m.size == 1 else f"for (int k = 0; k < {m.size}; ++k) {{ {line} }}")
     what = comment(
         "Ticks that were refused count for the parts that run every few ticks: they go on in step"
         " with the others."
     )
     signature = prototype(plan, "static void", "catch_up", f"struct {plan.name}_kept *x",
-                          "double missed")  # fmt: skip
+                          missed)  # fmt: skip
     return [define(signature, lines, what)]
 
 

@@ -60,9 +60,14 @@ def head(plan: Plan, file: str) -> str:
     )
 
 
-def member_comment(m: Member, indent: str = "    ") -> str:
-    """Say what a signal is: unit, meaning, convention, range, value, source."""
+def member_comment(m: Member, indent: str = "    ", kind: str = "") -> str:
+    """Say what a signal is: unit, meaning, convention, range, value, source; of an integer less."""
     s = m.signal
+    if kind in ("bool", "unsigned int"):
+        most = "1 stands for true" if kind == "bool" else f"at most {s.hi:g}"
+        said = [f"{m.name}: {s.doc or m.name}", most]
+        said += [f"start {_short(s.value).replace('.0', '')}"] * (s.value is not None)
+        return comment("; ".join(" ".join(x.split()) for x in said), indent)
     said = [f"{m.name} [{s.unit}]: {s.doc or m.name}"]
     if s.positive:
         said.append(f"positive = {s.positive}")
@@ -104,10 +109,11 @@ def header(plan: Plan) -> str:
     states = ",\n".join(
         f"{comment(what, '    ')}\n    {big}_{k} = {v}" for k, v, what in statuses(plan)
     )
+    included = "\n#include <stdbool.h>\n" * ("bool" in lay.kinds.values())
     parts = [
         head(plan, f"{plan.name}.h"),
         _about(plan),
-        f'#ifndef {big}_H\n#define {big}_H\n\n#ifdef __cplusplus\nextern "C" {{\n#endif',
+        f'#ifndef {big}_H\n#define {big}_H\n{included}\n#ifdef __cplusplus\nextern "C" {{\n#endif',
         f"{comment('Status of a call: 0, or bits of these.')}\nenum {{\n{states}\n}};",
         _struct(plan, "in", "Inputs of one tick.", lay.inputs),
         _struct(
@@ -201,7 +207,8 @@ def _state(plan: Plan) -> str:
         told = "What the parts of a tick give: the outputs, and measurements beside them."
         lines += [comment(told), f"{lay.now} {{"]
         for m in lay.signals:
-            lines += [member_comment(m), f"    {m.declared(real)}"]
+            kind = lay.kind(m, real)
+            lines += [member_comment(m, kind=kind), f"    {m.declared(kind)}"]
         lines += ["};", ""]
     lines += [
         comment("State: set by init, changed by step; a copy of the struct saves an instance."),
@@ -231,7 +238,9 @@ def _kept(plan: Plan) -> list[str]:
     for struct, own in plan.layout.kept:
         members = [
             line for m in own for name in [own_name(m) if struct else m.c]
-            for line in (member_comment(m), f"    {m.declared(real, name)}")
+            for kind in [plan.layout.kind(m, real)]
+            for line in (member_comment(m, kind=kind),
+                         f"    {m.declared(kind, name)}")
         ]  # fmt: skip
         if not struct:
             whole += members

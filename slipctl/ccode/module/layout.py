@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
 from typing import Any
@@ -16,6 +16,7 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.block.signals import Signal
 from slipctl.ccode.module.comments import ascii_text
+from slipctl.ccode.passes.precision import size
 from slipctl.ccode.tree.expressions import number
 from slipctl.ccode.tree.nodes import Node, assign
 from slipctl.ccode.tree.parser import code, expression
@@ -158,7 +159,12 @@ class Copy(Member):
 
 @dataclass(frozen=True)
 class Layout:
-    """Members of the structs of one C module."""
+    """Members of the structs of one C module.
+
+    Attributes:
+        kinds: types of members that are no real numbers, by the struct, ``now`` or ``kept``, and
+            the C name.
+    """
 
     name: str
     inputs: tuple[Member, ...]
@@ -167,6 +173,7 @@ class Layout:
     states: tuple[Member, ...]
     outputs: tuple[Member, ...]
     measured: tuple[Member, ...] = ()
+    kinds: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
     @property
     def signals(self) -> tuple[Member, ...]:
@@ -177,6 +184,34 @@ class Layout:
     def now(self) -> str:
         """Type of the struct that they are in."""
         return f"struct {self.name}_signals" if self.measured else f"{self.name}_out"
+
+    def kind(self, m: Member, real: str) -> str:
+        """Type in C of a member, with numbers of this one."""
+        struct = {"state": "kept", "output": "now"}.get(m.signal.role, "")
+        return self.kinds.get((struct, m.c), real)
+
+    def offsets(self, real: str) -> list[int]:
+        """Bytes from the begin of what a tick gives to each of its members, and to its end."""
+        return self._bytes(self.signals, real, 0)
+
+    def kept_offsets(self, real: str) -> list[int]:
+        """Bytes from the begin of what is kept to each state, and to its end."""
+        found, at = list[int](), 0
+        for _, own in self.kept:
+            *places, at = self._bytes(own, real, at)
+            found += places
+        return [*found, -(-at // size(real)) * size(real)]
+
+    def _bytes(self, members: Sequence[Member], real: str, at: int) -> list[int]:
+        """Where members of a struct lie that follows what ends ``at``, and where it ends."""
+        width = {"bool": 1, "unsigned int": 4, real: size(real)}
+        widths = [width[self.kind(m, real)] for m in members]
+        most = max(widths)
+        at, found = -(-at // most) * most, []
+        for m, each in zip(members, widths, strict=True):
+            found.append(-(-at // each) * each)
+            at = found[-1] + each * m.size
+        return [*found, -(-at // most) * most]
 
     @property
     def big(self) -> str:

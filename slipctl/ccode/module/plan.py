@@ -28,6 +28,7 @@ from slipctl.ccode.module.layout import (
     started_copies,
 )
 from slipctl.ccode.module.wires import Place, Wires
+from slipctl.ccode.passes.integers import with_integers
 from slipctl.ccode.passes.precision import check_real, round_to_real, size
 from slipctl.ccode.passes.rolled_loops import roll_lines
 from slipctl.ccode.tree import nodes as c
@@ -97,7 +98,8 @@ class Plan:
         try:
             if block.composition.split:  # only CasADi's text leaves what is prepared where it lies
                 raise Unsupported("a tick in two parts")
-            self.equations: Kernel = self._by_parts()
+            made, ticks = self._by_parts(), [m for m, _ in self.counters]
+            self.equations, self.layout = with_integers(made, self.layout, ticks)
         except Unsupported:  # a table, say; then it is one function, of what is asked for
             self.whole, self.layout = self.block, replace(self.layout, measured=())
             self.equations = kernel(
@@ -189,16 +191,15 @@ class Plan:
     def _state_bytes(self) -> int:
         """Size of the state struct, where int has four bytes and a number is aligned to its own."""
         lay, (_, _, sz_iw, sz_w) = self.layout, self.equations.work
-        states = sum(m.size for m in lay.states)
+        states = lay.kept_offsets(self.real)[-1] // (whole := size(self.real))
         held = max(sum(m.size for m in lay.outputs), 1)
         numbers = states * (1 + self.next_in_state) + sum(m.size for m in lay.derived) + held
-        numbers += sum(m.size for m in lay.signals) * bool(lay.measured)
         numbers += max(self.n_in, 1)  # the last good inputs
         counts = (2 * self.n_in + 1) * bool(self.n_in) + 2 + bool(self.counters)  # of guards
         numbers += max(sum(m.size for m in lay.params), 1)  # those in force
         numbers += held + 2 if self.rates else 0  # a tick in hand
         numbers += sz_w if self.work_in_state else 0
-        whole = size(self.real)
+        numbers += lay.offsets(self.real)[-1] // whole * bool(lay.measured)
         numbers += -(-4 * counts // whole)
         numbers += -(-8 // whole) if self.counter else 0  # two integers
         return whole * numbers + (-(-4 * sz_iw // whole) * whole if self.work_in_state else 0)
@@ -248,10 +249,9 @@ class Plan:
         return found
 
     def ranged(self, m: Member) -> bool:
-        """Whether a signal has a range of its own."""
-        return any(math.isfinite(v) for v in self.limits(m)) or any(
-            b.what in ("lo", "hi") for b in m.signal.bounds
-        )
+        """Whether a number has a range of its own."""
+        ends = any(math.isfinite(v) for v in self.limits(m)) or self.follows((m,))
+        return ends and self.layout.kind(m, self.real) == self.real
 
     def ends(self, members: Iterable[Member], values: Mapping[str, Any]) -> Ends:
         """Range, largest change per tick and noise of each element, in numbers that C has."""
@@ -371,13 +371,13 @@ class Plan:
         Of what is written several times, such as an output of a part that leaves the controller
         too, there is one.
         """
-        made, found = self.equations, []
-        seen: set[str] = set()
+        made, found, seen = self.equations, [], set[str]()
         for i, (m, pointer) in enumerate(self.results):
             for k in range(m.size):
                 text = str(made.results.get((i, k), f"{pointer}{m.c} {k}"))
                 tested = pointer == "next->" and self.ranged(m)
-                if text not in seen and (i, k) not in made.finite and not tested:
+                sure = (i, k) in made.finite or self.layout.kind(m, self.real) != self.real
+                if text not in seen and not sure and not tested:
                     found.append((m, pointer, k))
                 seen.add(text)
         return found

@@ -7,6 +7,7 @@ from textwrap import fill
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from slipctl.ccode.module import guard, rates, tick_counter
 from slipctl.ccode.module.comments import WIDTH, comment
@@ -205,9 +206,14 @@ def _values(values: Iterable[tuple[Member, Any]]) -> str:
     return ", ".join(rows)
 
 
-def _constant(m: Member, pointer: str, value: Any) -> list[str]:
+def _constant(m: Member, pointer: str, value: Any, kind: str = "") -> list[str]:
     """Statements that give a member a constant value."""
     flat = c_elements(m, value)
+    if kind in ("bool", "unsigned int"):
+        told = [("true" if v else "false") if kind == "bool" else f"{int(v)}U" for v in flat]
+        if m.size > 2 and len(set(told)) == 1:
+            return [f"for (int k = 0; k < {m.size}; ++k) {{ {pointer}{m.c}[k] = {told[0]}; }}"]
+        return [f"{m.at(pointer, k)} = {v};" for k, v in enumerate(told)]
     if m.scalar:
         return [f"{pointer}{m.c} = {number(float(flat[0]))};"]
     if m.size > 2 and (flat == flat[0]).all():
@@ -271,9 +277,10 @@ def _start(plan: Plan) -> list[Node]:
 def _begun(plan: Plan, members: Sequence[Member]) -> list[Node]:
     """Statements that put the states of a part to their start: its struct, then its arrays."""
     firsts = {m.c: i for i, m in enumerate(plan.layout.states, start=len(plan.layout.derived))}
+    kinds = {m.c: plan.layout.kind(m, plan.real) for m in members}
     made = [
         (m, plan.start_lines((m,), firsts[m.c], "state->") if m.signal.derived
-         else statements(_constant(m, "state->", m.signal.value)))
+         else statements(_constant(m, "state->", m.signal.value, kinds[m.c])))
         for m in members
     ]  # fmt: skip
     struct = plan.layout.places[members[0].c].rpartition(".")[0]
@@ -286,10 +293,11 @@ def _begun(plan: Plan, members: Sequence[Member]) -> list[Node]:
         before += [line for line in lines if line.kind == "declare"]
         values = [c.value(line) for line in lines if line.kind == "do" and c.target(line)]
         if any(line.kind == "for" for line in lines):
-            behind += [line for line in lines if line.kind != "declare"]
+            again = kinds[m.c] == plan.real or m.signal.value  # what is left out is 0
+            behind += [line for line in lines if line.kind != "declare"] * bool(np.any(again))
         elif not values:  # filled
             behind += [x for x in lines if x.kind == "do" and x.parts[0].parts[-1] != _ZERO]
-        elif any(v != _ZERO for v in values):
+        elif any(v not in _NOTHING for v in values):
             text = ", ".join(v.text for v in values)
             given.append(f".{own_name(m)} = {text if m.scalar else f'{{{text}}}'}")
     given = given or [f".{own_name(zero)} = 0.0"]  # what is left out is 0; C wants one
@@ -298,6 +306,7 @@ def _begun(plan: Plan, members: Sequence[Member]) -> list[Node]:
 
 
 _ZERO = constant(0.0)
+_NOTHING = (_ZERO, c.name("false"), Node("number", "0U"))
 
 
 def _distinct(lines: list[Node]) -> list[Node]:
@@ -444,7 +453,9 @@ def _step(plan: Plan) -> list[Node]:
     rest = [m for m in lay.states if m not in plan.ahead]
     lines += [*take_state(plan, rest), "state->guard.refused = 0U;"]
     if plan.counters:
-        moved = "catch_up(&state->kept, (double)state->guard.missed);"
+        counts = all(lay.kind(m, plan.real) != plan.real for m, _ in plan.counters)
+        missed = "state->guard.missed" if counts else "(double)state->guard.missed"
+        moved = f"catch_up(&state->kept, {missed});"
         lines.append(if_("state->guard.missed > 0U", moved, "state->guard.missed = 0U;"))
     told = "out" if lay.measured else "&now"
     lines += ["state->measured = now;", *_given(plan)] if lay.measured else []

@@ -11,6 +11,7 @@ The module itself has no addresses; a tool puts them in from the firmware's ELF 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable
 
@@ -64,23 +65,24 @@ def a2l(plan: Plan) -> str:
         blocks.append(_characteristic(plan, m, offset, methods))
         offset += m.size * size(plan.real)
     for struct, members in _groups(plan).items():
-        offset = 0
-        for m in members if struct != "param" else ():
-            blocks.append(_measurement(plan, struct, m, offset, methods, kind, _within(struct)))
-            offset += m.size * size(plan.real)
+        places = _offsets(members, size(plan.real))
+        if struct == "state" and members:
+            places = lay.kept_offsets(plan.real)
+        for m, offset in zip(members if struct != "param" else (), places, strict=False):
+            own = _type(plan, m, kind)
+            blocks.append(_measurement(plan, struct, m, offset, methods, own, _within(struct)))
     status = _status(plan, methods.setdefault("1", "CM_none"))
-    offset = sum(m.size for m in lay.states) * size(plan.real)
+    offset = lay.kept_offsets(plan.real)[-1]
     for m in lay.derived:
         blocks.append(_measurement(plan, "state", m, offset, methods, kind, "derived."))
         offset += m.size * size(plan.real)
-    beside = lay.signals if lay.measured else ()
     offset += sum(max(sum(m.size for m in g), 1) for g in (lay.params, lay.outputs)) * size(
         plan.real
     )
-    for m in beside:
+    for m, at in zip(lay.signals, lay.offsets(plan.real), strict=False):
         if m in lay.measured:
-            blocks.append(_measurement(plan, "state", m, offset, methods, kind, "measured."))
-        offset += m.size * size(plan.real)
+            own = _type(plan, m, kind)
+            blocks.append(_measurement(plan, "state", m, offset + at, methods, own, "measured."))
     blocks += _METHODS if "1" in units else [*_METHODS, _NONE]
     blocks += status.values()
     blocks += _grouped(plan, list(status))
@@ -115,6 +117,17 @@ def _groups(plan: Plan) -> dict[str, tuple[Member, ...]]:
     return dict(zip(_STRUCTS, (lay.inputs, lay.params, lay.states, lay.outputs), strict=True))
 
 
+def _offsets(members: Iterable[Member], width: int) -> list[int]:
+    """Bytes from the begin of a struct of numbers to each of its members."""
+    return [0, *itertools.accumulate(m.size * width for m in members)]
+
+
+def _type(plan: Plan, m: Member, kind: str) -> str:
+    """Type of a member, with numbers of this kind."""
+    types = {"bool": "UBYTE", "unsigned int": "ULONG"}
+    return types.get(plan.layout.kind(m, plan.real), kind)
+
+
 def _within(struct: str) -> str:
     """Where in its struct a member lies."""
     return "kept." if struct == "state" else ""
@@ -145,10 +158,10 @@ def _status(plan: Plan, bare: str) -> dict[str, str]:
             f"  SLONG CM_said 0 0 0 1\n  BIT_MASK 0x{value:X}\n  ECU_ADDRESS 0x0{link}\n"
             "/end MEASUREMENT"
         )
-    before = [*lay.states, *lay.derived, *lay.params, *lay.outputs, *lay.inputs]
-    before += lay.signals if lay.measured else ()
+    before = [*lay.derived, *lay.params, *lay.outputs, *lay.inputs]
     ends = (lay.params, lay.outputs, lay.inputs)
     at = (sum(m.size for m in before) + sum(not members for members in ends)) * size(plan.real)
+    at += lay.kept_offsets(plan.real)[-1] + lay.offsets(plan.real)[-1] * bool(lay.measured)
     counts = [
         ("age", plan.n_in, "ticks without a good value, less good ones since; -1: none yet",
          "SLONG", -1, int(guard.MANY)),
@@ -286,8 +299,9 @@ def _measurement(
     plan: Plan, struct: str, m: Member, offset: int, methods: Methods, kind: str,
     within: str = "",
 ) -> str:  # fmt: skip
+    method = "CM_said" if kind == "UBYTE" else _method(m, methods)
     return (
         f"/begin MEASUREMENT {_name(plan, struct, m, within)} {_about(m)}\n"
-        f"  {kind} {_method(m, methods)} 0 0 {_limits(plan, m)}\n  ECU_ADDRESS 0x{offset:X}"
+        f"  {kind} {method} 0 0 {_limits(plan, m)}\n  ECU_ADDRESS 0x{offset:X}"
         f"{_dims(m, True)}{_link(plan, struct, offset)}\n/end MEASUREMENT"
     )

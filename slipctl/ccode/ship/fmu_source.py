@@ -15,6 +15,7 @@ import casadi as ca
 
 from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.ccode.compile.files import c_number, start_elements
+from slipctl.ccode.compile.state_numbers import numbers_of, take_numbers
 from slipctl.ccode.module.guard_functions import range_condition
 from slipctl.ccode.module.header import head
 from slipctl.ccode.module.layout import Member, dense_value, matrix
@@ -64,7 +65,7 @@ def core(plan: Plan, token: str, now: bool) -> str:
         ("n_in", "k < FIRST_PARAM", "in", "k"),
         ("n_param", "k < FIRST_DERIVED", "param", "k - FIRST_PARAM"),
         ("n_derived", "k < FIRST_STATE", "state.derived", "k - FIRST_DERIVED"),
-        ("n_state", "k < FIRST_OUT", "state.kept", "k - FIRST_STATE"),
+        ("n_state", "k < FIRST_OUT", "seen", "k - FIRST_STATE"),
         ("n_out", "k < STATUS", "out", "k - FIRST_OUT"),
     )
     lines: list[str] = []
@@ -78,14 +79,22 @@ def core(plan: Plan, token: str, now: bool) -> str:
         for m in lay.inputs for k, v in enumerate(start_elements(m))
     ]  # fmt: skip
     starts, called = _starts(plan)
-    tests = [expression(f"!{range_condition(plan, m, 'm->state.kept.')}") for m in lay.states]
+    tests = [
+        expression(f"!{range_condition(plan, m, 'm->state.kept.')}")
+        for m in lay.states
+        if lay.kind(m, plan.real) == plan.real
+    ]
     functions = [*helpers(called), *small_functions(tests)]
 
     def real(n: Node) -> Node:
         return in_precision(nest_states(lay, n), plan.real, plan.block.name)
 
     defined = file_text(map(real, functions))
+    look = "    numbers_of(&m->state.kept, m->seen);\n" * bool(lay.states)
+    access = [numbers_of(lay, plan.real), take_numbers(lay, plan.real)] * bool(lay.states)
     filled = {
+        "access": "".join(access), "look": look and f"    {look}", "look_now": look,
+        "take": "        take_numbers(m->seen, &m->state.kept);\n" * bool(lay.states),
         "n": plan.name, "big": lay.big, "real": plan.real, "token": token, "now": int(now),
         "period": number(plan.period) if plan.period else "0.0", "places": "\n".join(lines) + "\n",
         "inputs": "".join(f"{line}\n" for line in inputs),

@@ -260,6 +260,11 @@ def words(nodes: Iterable[Node]) -> set[str]:
     return set().union(*(n.words for n in nodes))
 
 
+def called_functions(nodes: Iterable[Node]) -> set[str]:
+    """Functions that some nodes call."""
+    return set().union(*(n.calls() for n in nodes))
+
+
 def variables(nodes: Iterable[Node]) -> set[str]:
     """Names of variables and functions in some nodes; a member may have the name of an argument."""
     return {n.head for node in nodes for n in node.walk() if n.kind == "name"}

@@ -276,7 +276,8 @@ def summary(data: Mapping[str, Any]) -> str:
 def _unclaimed(plan: Plan) -> list[str]:
     """States and outputs without a range: of them nothing is claimed."""
     lay = plan.layout
-    return [m.name for m in (*lay.states, *lay.outputs) if not plan.ranged(m)]
+    numbers = [m for m in (*lay.states, *lay.outputs) if lay.kind(m, plan.real) == plan.real]
+    return [m.name for m in numbers if not plan.ranged(m)]
 
 
 def _ends(plan: Plan) -> dict[tuple[str, str], list[tuple[float, float]]]:

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from slipctl.ccode.compile.state_numbers import take_numbers
 from slipctl.ccode.module import guard
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.tree.expressions import number
@@ -56,7 +57,7 @@ static double between(const double *end)
     return end[0] + ((end[1] - end[0]) * fmin(fmax((1.5 * drawn()) - 0.25, 0.0), 1.0));
 }}
 
-/* Make a step; whether its outputs are finite. */
+{take}/* Make a step; whether its outputs are finite. */
 static bool stepped(const {n}_in *in, {n}_state *state, int *status)
 {{
     static {n}_param any; /* those in force are used */
@@ -148,9 +149,9 @@ static int broken_memory(const {n}_in *in, const {n}_param *good, const {n}_stat
     for (k = 0; (k < N_FIRSTS) && (steps < STEPS); ++k) {{
         for (j = 0; j < SEVERITY; ++j) {{
             copied(&state, kept, sizeof(state));
-            copied(raw, &state, (size_t)N_STATE * sizeof(real));
+            {get}
             raw[first_of[k]] = (real)bad[j];
-            copied(&state, raw, (size_t)N_STATE * sizeof(real));
+            {put}
             for (tick = 0; (tick < RECOVERY) && !recovers(in, &state, 1); ++tick) {{
                 ++steps;
             }}
@@ -216,13 +217,13 @@ static int shaken(const {n}_in *from, const {n}_param *good, const {n}_state *ke
             }}
             copied(&param, raw, (size_t)N_PARAM * sizeof(real));
             (void){n}_tune(&param, &state); /* which may refuse them */
-            copied(raw, &state, (size_t)N_STATE * sizeof(real));
+            {get}
             for (j = 0; j < N_STATE; ++j) {{
                 const double x = between(factor[(shake / 3) % 4]);
                 const double of = (fabs((double)raw[j]) > 0.0) ? (double)raw[j] : 1.0;
                 raw[j] = (drawn() < 0.5) ? raw[j] : (real)(of * (((shake % 2) > 0) ? floor(x) : x));
             }}
-            copied(&state, raw, (size_t)N_STATE * sizeof(real));
+            {put}
         }}
 {inputs}        wrong += stepped(&in, &state, &status) ? 0 : 1;
     }}
@@ -344,7 +345,7 @@ static int miscounted(const {n}_in *in, const {n}_state *kept)
 {missed}            wanted = {n}_step(in, &any, &plain, &good);
             wanted |= timely[k] ? 0 : {big}_TIMING;
             wrong += same(&out, &good, sizeof(out)) ? 0 : 1;
-            wrong += same(&plain, &state, (size_t)N_STATE * sizeof(real)) ? 0 : 1;
+            wrong += {same_kept} ? 0 : 1;
         }}
         wrong += (got == wanted) ? 0 : 1;
     }}
@@ -386,10 +387,15 @@ _WANDER = """    trials += jumping(&in, kept);
 """
 
 
+_SAME_KEPT = "same(&plain.kept, &state.kept, sizeof(state.kept))"
+
+
 def misuse(plan: Plan) -> str:
     """C of ``misused``, for the test program; it needs ``copied`` and ``same``."""
     n, lay, big = plan.name, plan.layout, plan.layout.big
     places = [sum(m.size for m in lay.states[:k]) for k in range(len(lay.states))]
+    moves = {"get": "numbers_of(&state.kept, raw);", "put": "take_numbers(raw, &state.kept);"}
+    moves = moves if lay.states else dict.fromkeys(moves, "")
     recovery = guard.PATIENCE * (len(plan.parts) + 2) + 1
     taken = int(guard.memory(plan.period, plan.stale)) + 1 + recovery if plan.n_in else 0
     ends = [
@@ -405,13 +411,17 @@ def misuse(plan: Plan) -> str:
         places=_rows(map(str, places or [0])),
         ends=_rows(ends or ["{0.0, 0.0}"]),
         input_of=ranges,
+        take=take_numbers(lay, plan.real) if lay.states else "", **moves,
         more=_SHAKE.format(
-            n=n, big=big, most=BETWEEN, least=least,
+            n=n, big=big, most=BETWEEN, least=least, **moves,
             inputs=_SHAKEN_INPUTS.format() if plan.n_in else "",
         ) + (_JUMP + _WALK).format(
             n=n, big=big, ticks=WALK, jumps=4 * plan.n_in,
             fitted=_FITTED.format(big=big) * plan.coupled,
-        ) * (plan.n_in > 0) + _COUNT.format(n=n, big=big, missed=_missed(plan)) * plan.counter,
+        ) * (plan.n_in > 0) + _COUNT.format(
+            n=n, big=big, missed=_missed(plan),
+            same_kept=_SAME_KEPT if lay.states else "same(&plain, &state, 0U)",
+        ) * plan.counter,
         wander=_WANDER if plan.n_in else "",
         counted="    trials += miscounted(&in, kept);\n" * plan.counter,
         last=f"    const {n}_in in = {last};\n",

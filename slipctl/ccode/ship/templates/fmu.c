@@ -51,6 +51,7 @@ typedef struct {
     bool chosen;  /* a start value was set */
     bool given[STATES + 1];
     real first[STATES + 1]; /* the start values that were set */
+    real seen[STATES + 1];  /* numbers of the states, as they were read last */
 } model;
 
 typedef struct {
@@ -97,18 +98,17 @@ static instance *made(const char *name, const char *token, bool logging)
     return c;
 }
 
-@helpers@/* Start state: of the module, then what was set, then what is computed from either. */
+@access@@helpers@/* Start state: of the module, then what was set, then what is computed from either. */
 static int start(model *m)
 {
     int status = @n@_init(&m->param, &m->state);
     if (m->chosen) {
-        real *const x = (real *)&m->state;
         int k;
         status = @n@_tune(&m->param, &m->state);
-        for (k = 0; k < STATES; ++k) {
-            x[k] = m->given[k] ? m->first[k] : x[k];
+@look@        for (k = 0; k < STATES; ++k) {
+            m->seen[k] = m->given[k] ? m->first[k] : m->seen[k];
         }
-@starts@        if (@wrong@) {
+@take@@starts@        if (@wrong@) {
             status = @big@_BAD_PARAM;
         }
     }
@@ -143,13 +143,14 @@ static real *place(model *m, int k)
 
 static int read_real(instance *c, const uint32_t *variables, size_t count, double *values)
 {
+    model *const m = &c->m;
     size_t k;
-    look(&c->m);
-    for (k = 0; k < count; ++k) {
+    look(m);
+@look_now@    for (k = 0; k < count; ++k) {
         const int v = number_of(variables[k]);
-        const real *found = place(&c->m, v);
+        const real *found = place(m, v);
         if (v == TIME) {
-            values[k] = c->m.begun ? c->m.now : c->m.start;
+            values[k] = m->begun ? m->now : m->start;
         } else if (found == NULL) {
             return tell(c, WRONG, "no real variable has this value reference");
         } else {

@@ -1,0 +1,72 @@
+"""What is 0 or 1 in a model is true or false in C, a counter is an integer, and no bit differs."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from casadi import fmax, if_else
+
+from slipctl import Input, Output, State, connect, every, step
+from slipctl.ccode.codegen import export
+
+
+@step(
+    period=0.01, on=Output("1", "1 while it rules", lo=0, hi=1),
+    told=Output("1", "1 or half", lo=0, hi=1),
+)  # fmt: skip
+def latch(
+    ruling=State("1", 0.0, "1 after a large sample", lo=0, hi=1),
+    share=State("1", 0.0, "a share", lo=0, hi=1),
+    begun=State("1", 0.5, "1 from the second tick on", lo=0, hi=1),
+    u=Input("1", "sample", lo=-1, hi=1),
+):
+    """On with a large sample, off with a small one; a share, and what begins as no 0 or 1."""
+    on = if_else(u < -0.5, 0, fmax(ruling, if_else(u > 0.5, 1, 0)))
+    return dict(ruling=on, share=fmax(u, 0), begun=1), dict(on=on, told=if_else(u > 0, 1, 0.5))
+
+
+@step(period=0.03, y=Output("1", "what it holds", lo=-10, hi=10))
+def hold(
+    x=State("1", 0.0, "last one", lo=-10, hi=10),
+    on=Input("1", "rules"),
+    u=Input("1", "sample", lo=-1, hi=1),
+):
+    """Holds samples while it is on."""
+    now = if_else(on > 0.5, u, x / 2)
+    return dict(x=now), dict(y=3 * on + now)
+
+
+def pair():
+    """Both, the second one in each third tick."""
+    wires = {"latch.u": "u", "hold.u": "u", "hold.on": "latch.on", "y": "hold.y"}
+    return connect("pair", wires, latch=latch, hold=every(hold, 3))
+
+
+def _of_kind(text: str, kind: str) -> set[str]:
+    return set(re.findall(rf"^    {kind} (\w+)\b", text, re.MULTILINE))
+
+
+@pytest.mark.second
+def test_truths_and_counters_are_integers_and_bits_stay(tmp_path):
+    u = np.random.default_rng(1).uniform(-1, 1, 500)
+    report = export(pair(), tmp_path, inputs={"u": u}, check=True, asked=True)
+    assert report.data["passed"]
+    assert all(row["absolute"] == 0 for row in report.data["signals"].values())
+    text = (tmp_path / "pair.h").read_text(encoding="utf-8")
+    assert _of_kind(text, "bool") == {"ruling", "latch_on"}
+    assert {"tick"} <= _of_kind(text, "unsigned int")
+    assert {"share", "begun", "latch_told"} <= _of_kind(text, "double")
+    module = report.module.compile().load()
+    states, y = module(**{"latch.ruling": 1.0, "hold.tick": 2.0, "hold.x": 4.0, "u": 0.25})
+    same, z = pair()(**{"latch.ruling": 1.0, "hold.tick": 2.0, "hold.x": 4.0, "u": 0.25})
+    assert {n: float(v) for n, v in same.items()} == pytest.approx(states, abs=0)
+    assert y["y"] == float(z["y"])
+
+
+@pytest.mark.second
+def test_the_c_of_an_older_kind_has_real_numbers_alone(tmp_path):
+    export(pair(), tmp_path)
+    text = (tmp_path / "pair.h").read_text(encoding="utf-8")
+    assert not _of_kind(text, "bool")
