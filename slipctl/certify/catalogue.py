@@ -37,6 +37,10 @@ OF_LOOPS: dict[str, System] = {"axle_loop": axle_system(None), "slide_loop": sli
 """Systems that are made of a loop; a certificate of one holds the tick of that loop."""
 
 
+PROVED_LAST = ("slide_loop",)
+"""Systems whose proof takes longer than many runs of a loop; a search asks it of the best alone."""
+
+
 def system_of_gains(gains: Any, loop: Any) -> System:
     """System that gains are asked as: one by its name, or one made of their loop."""
     made = gains.made

@@ -16,7 +16,6 @@ import numpy as np
 from slipctl.design.gain_search import REDRAWN, SURE, Candidate, Search
 from slipctl.design.goals import paired_difference
 from slipctl.seek import population
-from slipctl.study.report.texts import with_unit
 
 QUIET = 12
 """Generations without a new point of the front after which a search has arrived."""
@@ -92,12 +91,16 @@ class FrontSearch(Search):
     def _take(self, candidates: Sequence[Candidate]) -> None:
         """Add candidates to the front, and take its knee as the best one."""
         pool = {c.number: c for c in (*self.front, *candidates)}
-        kept = [c for c in pool.values() if self._place(c)[0] <= 0]
-        places = [self._place(c)[1] for c in kept]
-        self.front = sorted(
-            (c for c, p in zip(kept, places, strict=True) if not any(better(q, p) for q in places)),
-            key=lambda c: c.score.mean(),
-        )
+        proved = False
+        while not proved:  # who has no proof is left out, and others come to the front
+            kept = [c for c in pool.values() if self._place(c)[0] <= 0]
+            places = [self._place(c)[1] for c in kept]
+            self.front = sorted(
+                (c for c, p in zip(kept, places, strict=True)
+                 if not any(better(q, p) for q in places)),
+                key=lambda c: c.score.mean(),
+            )  # fmt: skip
+            proved = all(self.holds(c) for c in self.front)
         if self.front:
             self.best = self.front[knee([self._place(c)[1] for c in self.front])]
         else:
@@ -105,7 +108,7 @@ class FrontSearch(Search):
 
     def _place(self, c: Candidate) -> tuple[float, tuple[float, ...]]:
         """How far a candidate misses its limits, and its means; a draw that it loses is a miss."""
-        lost = max(s.lost() for s in c.scores)
+        lost = math.inf if self.failed(c) else max(s.lost() for s in c.scores)
         return c.score.missed(self.limits) + lost, tuple(s.mean_reached() for s in c.scores)
 
     def _thinned(self, pool: Sequence[Candidate], many: int) -> list[Candidate]:
@@ -128,12 +131,9 @@ class FrontSearch(Search):
             means = [c.scores[k].mean() for c in self.front]
             if means:
                 spans.append(f"{goal.text} {min(means):.6g} to {max(means):.6g}")
-        numbers = ", ".join(
-            f"{f.short} = {with_unit(self.best.numbers[f.name], f.unit)}" for f in self.frees
-        )
         self.tell(
             f"generation {generation}: {self.rolls.done} runs, {len(self.front)} points,"
-            f" {', '.join(spans) or 'limits not met yet'}; knee {numbers}"
+            f" {', '.join(spans) or 'limits not met yet'}; knee {self._in_words(self.best)}"
         )
 
 

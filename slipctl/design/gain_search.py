@@ -1,9 +1,11 @@
 """Gains from an ensemble: proved first, raced draw by draw, searched by differential evolution.
 
-A candidate whose certificates fail is not rolled. What is rolled runs on the draws one after the
-other, the same ones for every candidate. It is given up as soon as its paired difference from the
-member that it would replace says so. All that is decided follows from the seed: the number of cores
-changes nothing.
+A candidate whose certificates fail is not rolled. A certificate whose proof takes long is asked of
+those that would be the best, and who has it not is beaten by every other one.
+
+What is rolled runs on the draws one after the other, the same ones for every candidate. It is given
+up as soon as its paired difference from the member that it would replace says so. All that is
+decided follows from the seed: the number of cores changes nothing.
 """
 
 from __future__ import annotations
@@ -48,6 +50,10 @@ REDRAWN = 12
 TRIED = 200
 """Points at which certificates are asked for, to fill the first population."""
 
+DOUBT = 0.7
+"""A candidate is left out where one without a proof is nearer than this share of the way to the
+nearest that has one."""
+
 ALIKE = 2e-3
 """Spread of all members, in shares of the ranges, at which a search has arrived."""
 
@@ -90,6 +96,7 @@ class Search:
         refused: candidates that were not run, by reason. thought: all candidates.
         course: runs, mean of the best and how far it misses its limits, after each generation.
         spent: runs of the search.
+        shown: by number of a candidate whether the proofs that take long were found.
     """
 
     loop: Block
@@ -109,6 +116,8 @@ class Search:
     course: list[tuple[int, float, float]] = field(default_factory=list)
     thought: int = 0
     spent: int = 0
+    shown: dict[int, bool] = field(default_factory=dict)
+    _asked: list[np.ndarray] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.box = population.Box([f.lo for f in self.frees], [f.hi for f in self.frees])
@@ -144,7 +153,7 @@ class Search:
         numbers = {f.name: float(x) for f, x in zip(self.frees, point, strict=True)}
         self.thought += 1
         made = self.made(self.thought, numbers, share)
-        why = self.refusal(numbers)
+        why = self.refusal(numbers) or self._doubt(share)
         if why:
             self.refused[why] = self.refused.get(why, 0) + 1
             return None
@@ -159,6 +168,36 @@ class Search:
         except BadInput as error:
             return str(error)
         return self.promises.fails(loop)
+
+    def holds(self, c: Candidate) -> bool:
+        """Whether the proofs that take long are found of a candidate; asked once."""
+        if not self.promises.has_last():
+            return True
+        if c.number not in self.shown:
+            self.tell(f"to be proved: {self._in_words(c)}")
+            failed = self.promises.fails_last(self.loop.with_params(**c.numbers))
+            self.shown[c.number] = not failed
+            self._asked.append(c.share)
+        return self.shown[c.number]
+
+    def _doubt(self, share: np.ndarray) -> str:
+        """Why a point is not worth a long proof: the nearest ones that were asked have none."""
+        if not self._asked:
+            return ""
+        far = np.linalg.norm(np.array(self._asked) - share, axis=1)
+        proved = np.array(list(self.shown.values()))
+        best, worst = (np.min(far, where=w, initial=np.inf) for w in (proved, ~proved))
+        return "being near to one without a proof" if worst < DOUBT * best else ""
+
+    def failed(self, c: Candidate) -> bool:
+        """Whether a proof that takes long was asked of a candidate, and not found."""
+        return not self.shown.get(c.number, True)
+
+    @property
+    def best_proved(self) -> Candidate:
+        """The best one so far of which all is proved; the hand-set one where there is none."""
+        asked = self.shown.get(self.best.number, not self.promises.has_last())
+        return self.best if asked else self.by_hand
 
     def extend(self, candidates: Sequence[Candidate], draws: int) -> None:
         """Run candidates on all draws up to this one."""
@@ -180,7 +219,8 @@ class Search:
                 break
             self.extend([one for one, _ in racing.values()], draws)
             racing = {k: p for k, p in racing.items()
-                      if not self.behind(*p, final=draws == self.samples)}  # fmt: skip
+                      if self.failed(p[1])
+                      or not self.behind(*p, final=draws == self.samples)}  # fmt: skip
         return [k in racing for k in range(len(pairs))]
 
     # ---- the search ------------------------------------------------------------------------------
@@ -220,6 +260,8 @@ class Search:
         Raises:
             BadInput: says how close it came.
         """
+        if not self.holds(self.best):
+            raise BadInput(self._unproved())
         nothing = any(s.lost() == len(s.values) for s in self.best.scores)
         if self.best.score.missed(self.limits) > 0 or nothing:
             raise BadInput(self._unmet())
@@ -262,16 +304,20 @@ class Search:
                     pairs.append((trial, member))
                     break
         through = self.race(pairs)
-        for (trial, member), better in zip(pairs, through, strict=True):
-            if better:
-                self.members[self.members.index(member)] = trial
         self._crown(pairs, through)
+        for (trial, member), better in zip(pairs, through, strict=True):
+            if better and not self.failed(trial):
+                self.members[self.members.index(member)] = trial
         self._say(generation)
 
     def _crown(self, pairs: Sequence[tuple[Candidate, Candidate]], through: Sequence[bool]) -> None:
-        """Take the best of those that got through, on all draws."""
-        for (trial, _), better in zip(pairs, through, strict=True):
-            if better and not self.behind(trial, self.best, final=True):
+        """Take the best of those that got through, on all draws; the best ones are proved first."""
+        ahead = [trial for (trial, _), better in zip(pairs, through, strict=True) if better]
+        if self.promises.has_last():
+            ahead.sort(key=lambda c: (c.score.missed(self.limits), c.score.mean()))
+        for trial in ahead:
+            beaten = self.holds(self.best) and self.behind(trial, self.best, final=True)
+            if not beaten and self.holds(trial):
                 self.best = trial
 
     def _spread(self) -> float:
@@ -285,9 +331,7 @@ class Search:
         """Tell the best so far."""
         score = self.best.score
         self.course.append((self.rolls.done, score.mean_reached(), score.missed(self.limits)))
-        numbers = ", ".join(
-            f"{f.short} = {with_unit(self.best.numbers[f.name], f.unit)}" for f in self.frees
-        )
+        numbers = self._in_words(self.best)
         missed = "" if score.missed(self.limits) <= 0 else ", limits not met yet"
         hand = f"{self.by_hand.score.in_words()} by hand"
         self.tell(
@@ -295,12 +339,20 @@ class Search:
             f" {score.in_words()} ({hand}){missed}, {numbers}"
         )
 
+    def _in_words(self, c: Candidate) -> str:
+        """Numbers of a candidate."""
+        return ", ".join(f"{f.short} = {with_unit(c.numbers[f.name], f.unit)}" for f in self.frees)
+
     def _unproved(self) -> str:
         """That nothing is proved, and how close the best certificate came."""
+        if self.shown:
+            wanted = " and ".join(dict.fromkeys(repr(t) for _, _, t in self.promises.needed()))
+            return (f"nothing that was found meets {wanted}: none of the {len(self.shown)} best"
+                    f" ones of {self.thought} candidates is proved")  # fmt: skip
         text = max(self.refused, key=lambda k: self.refused[k], default="")
         close = ""
         for gains, margin, wanted in self.promises.needed():
-            if wanted != text:
+            if wanted != text or self.promises.has_last():
                 continue
             found, at = -1.0, self.by_hand.numbers
             for share in population.first(16, len(self.frees), self.seed):

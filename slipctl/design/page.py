@@ -142,6 +142,8 @@ def text(found: Tuned) -> str:
         f"{search.thought} candidates, {refused} refused by a certificate before any run,"
         f" {search.spent} runs on {search.samples} draws"
     )
+    if search.shown:
+        counted += f"; {sum(search.shown.values())} of {len(search.shown)} best ones are proved"
     front = [wrap_table(front_rows(found)), KNEE] if found.front else []
     gradient = [found.polished.text()] if found.polished else []
     blocks = [

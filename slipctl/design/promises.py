@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
+from time import perf_counter
 from typing import Any
+
+import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.certify import catalogue, proofs
@@ -21,38 +24,78 @@ FARTHEST = 1024.0
 """Largest margin that is looked for."""
 
 
+MARGINS = (1.0, 1.25, 1.5, 2.0)
+"""Margins that are tried of a promise whose proof takes long."""
+
+REMEMBERED = 24
+"""Worst runs of earlier candidates that a new one is put to."""
+
+
 @dataclass(frozen=True)
 class Promises:
     """The certificates of a loop.
+
+    Some proofs take longer than many runs of the loop (``catalogue.PROVED_LAST``). These are asked
+    last, of a candidate that would be the best one, and once. Before, a candidate meets the worst
+    runs of the earlier ones: what leaves its bound there has no proof.
 
     Attributes:
         gains: what a study declares of it.
         wanted: what a person asks for.
         kept: names of those that the hand-set gains have proved.
+        tell: told a line of each proof that took long.
     """
 
     gains: tuple[Gains, ...]
     wanted: tuple[Proved, ...] = ()
     kept: tuple[str, ...] = ()
+    tell: Callable[[str], None] = lambda text: None
+    _decided: dict[Any, proofs.Decision] = field(default_factory=dict, repr=False, compare=False)
+    _runs: dict[str, list[Any]] = field(default_factory=dict, repr=False, compare=False)
 
     def numbers(self, gains: Gains, loop: Block) -> dict[str, Fraction]:
         """Numbers of a certificate for a loop as it is."""
         system = catalogue.system_of_gains(gains, loop)
         return exact_numbers(system, {k: float(v) for k, v in gains.numbers(loop).items()})
 
+    def asked(
+        self, gains: Gains, loop: Block, margin: float = 1.0
+    ) -> tuple[System, dict[str, Fraction]]:
+        """System of a certificate, and its numbers with bounds so many times as large."""
+        system = catalogue.system_of_gains(gains, loop)
+        return system, with_margin(system, self.numbers(gains, loop), margin)
+
+    def decision(self, gains: Gains, loop: Block, margin: float = 1.0) -> proofs.Decision:
+        """What is proved with bounds so many times as large; of a long proof asked once.
+
+        Raises:
+            BadInput, ArithmeticError: the numbers mean nothing.
+        """
+        system, numbers = self.asked(gains, loop, margin)
+        if not is_last(gains):
+            return proofs.decide(system, numbers)
+        own = sorted(loop.values_by_place().items())
+        key = (gains.name, margin, *((k, np.asarray(v).tobytes()) for k, v in own))
+        if key not in self._decided:
+            begun = perf_counter()
+            self._decided[key] = found = proofs.decide(system, numbers)
+            runs = self._runs.setdefault(gains.name, [])
+            runs.extend(system.loop.worst_runs(numbers))
+            del runs[:-REMEMBERED]
+            times = "" if margin == 1 else f" with bounds times {margin:g}"
+            self.tell(f"{gains.name}{times}: {found.verdict} after {perf_counter() - begun:.0f} s")
+        return self._decided[key]
+
     def verdict(self, gains: Gains, loop: Block, margin: float = 1.0) -> str:
         """Verdict with every bound of the disturbances so many times as large."""
-        system = catalogue.system_of_gains(gains, loop)
         try:
-            numbers = with_margin(system, self.numbers(gains, loop), margin)
-            return proofs.decide(system, numbers).verdict
+            return self.decision(gains, loop, margin).verdict
         except (BadInput, ArithmeticError):
             return UNDECIDED
 
     def promise(self, gains: Gains, loop: Block) -> str:
         """What is promised, in words."""
-        system = catalogue.system_of_gains(gains, loop)
-        return str(proofs.decide(system, self.numbers(gains, loop)).promise)
+        return str(self.decision(gains, loop).promise)
 
     def needed(self) -> list[tuple[Gains, float, str]]:
         """Each certificate that has to be, with its margin and who wants it.
@@ -71,16 +114,46 @@ class Promises:
                 found.append((g, margin, text))
         return found
 
+    def has_last(self) -> bool:
+        """Whether something is wanted whose proof takes long."""
+        return any(is_last(gains) for gains, _, _ in self.needed())
+
     def fails(self, loop: Block) -> str:
-        """First thing that is wanted and not proved, empty where all is."""
+        """First thing that is wanted and not proved, or that has no proof; empty where none is."""
         for gains, margin, text in self.needed():
-            if self.verdict(gains, loop, margin) != CERTIFIED:
+            if is_last(gains):
+                if self._leaves(gains, loop, margin):
+                    return text
+            elif self.verdict(gains, loop, margin) != CERTIFIED:
                 return text
         return ""
+
+    def fails_last(self, loop: Block) -> str:
+        """First thing that is wanted, takes long and is not proved; empty where all is."""
+        for gains, margin, text in self.needed():
+            if is_last(gains) and self.verdict(gains, loop, margin) != CERTIFIED:
+                return text
+        return ""
+
+    def _leaves(self, gains: Gains, loop: Block, margin: float) -> bool:
+        """Whether a loop leaves its bound in a run that was bad for another one."""
+        runs = self._runs.get(gains.name, [])
+        try:
+            system, numbers = self.asked(gains, loop, margin)
+            return bool(system.loop.exceeds(numbers, runs))
+        except (BadInput, ArithmeticError):
+            return True
 
     def margin(self, gains: Gains, loop: Block) -> float:
         """Factor on the bounds up to which the promise was found proved; 0 where it is not."""
         good, bad = 0.0, 1.0
+        if is_last(gains):
+            wanted = (m for g, m, _ in self.needed() if g is gains)
+            for margin in sorted({*MARGINS, *wanted}):
+                if self.verdict(gains, loop, margin) != CERTIFIED:
+                    break
+                good = margin
+            return good
         while bad <= FARTHEST and self.verdict(gains, loop, bad) == CERTIFIED:
             good, bad = bad, 2 * bad
         if not good or bad > FARTHEST:
@@ -92,6 +165,11 @@ class Promises:
             else:
                 bad = middle
         return good
+
+
+def is_last(gains: Gains) -> bool:
+    """Whether the proof of a certificate takes so long that it is asked last."""
+    return gains.system in catalogue.PROVED_LAST
 
 
 def with_margin(
@@ -121,5 +199,8 @@ def promises_of_loop(gains: Sequence[Gains], loop: str, scenario: str) -> tuple[
 
 def certificate(gains: Gains, loop: Block, promises: Promises, margin: float) -> dict[str, Any]:
     """Certificate as ``slipctl certify --out`` writes it, with the bounds times the margin."""
-    system = catalogue.system_of_gains(gains, loop)
-    return proofs.write(system, with_margin(system, promises.numbers(gains, loop), margin))
+    system, numbers = promises.asked(gains, loop, margin)
+    if is_last(gains):
+        found = promises.decision(gains, loop, margin)
+        return proofs.certificate_entries(system, numbers, found)
+    return proofs.write(system, numbers)

@@ -21,7 +21,7 @@ from slipctl.design.fronts import FrontSearch
 from slipctl.design.gain_search import HELD_OUT, RUNS, TRAINING, Candidate, Search, goals_of_loop
 from slipctl.design.goals import Limit, Objective
 from slipctl.design.judgement import Judged, Slice
-from slipctl.design.promises import Promises
+from slipctl.design.promises import Promises, is_last
 from slipctl.design.ranges import Free, read_frees
 from slipctl.design.rolls import FILE, Rolls
 from slipctl.design.slopes.polish import Polished, polish
@@ -114,8 +114,9 @@ def tune(
 ) -> Tuned:
     """Find numbers of a loop that make an objective small on an ensemble.
 
-    A candidate is first asked for its certificates, then run on the draws, the same for all. The
-    hand-set numbers are a candidate. The best is run on draws of its own, beside the hand-set ones.
+    A candidate is first asked for its certificates, then run on the draws, the same for all. What
+    takes long to prove is asked of those that would be the best. The hand-set numbers are a
+    candidate. The best is run on draws of its own, beside the hand-set ones.
 
     Args:
         loop: the loop, with its hand-set numbers.
@@ -156,7 +157,9 @@ def tune(
     world = World(loop, scenario, ensemble, signals=signals, known=known, seed=seed,
                   free=[f.name for f in frees], compile=compile)  # fmt: skip
     _apart(frees, world, note)
-    goals, limits, promises = _wanted(world, frees, name, objective, subject_to, gains, samples)
+    goals, limits, promises = _wanted(
+        world, frees, name, objective, subject_to, Promises(tuple(gains), tell=note), samples
+    )
     runs = RUNS * len(frees) * len(goals) if runs is None else runs
     check_whole("--runs", runs, 1)
     told = _identity(loop, world, frees, goals, subject_to, samples, runs) | dict(about or {})
@@ -180,17 +183,18 @@ def _check(loop: Block, samples: int, seed: int, held_out: int, jobs: int | None
 
 def _wanted(
     world: World, frees: Sequence[Free], name: str, objective: str | Sequence[str],
-    subject_to: Sequence[str], gains: Sequence[Gains], samples: int,
+    subject_to: Sequence[str], promises: Promises, samples: int,
 ) -> tuple[Sequence[Objective], Sequence[Limit], Promises]:  # fmt: skip
     """Objectives, limits and certificates; nothing else will be measured."""
     there = _metrics_of_first(world, {f.name: f.now for f in frees}, samples)
-    names = [g.name for g in gains]
+    names = [g.name for g in promises.gains]
     goals, limits, proved = goals_of_loop(objective, subject_to, there, name, names)
     measured = [m for goal in goals for m in goal.metrics]
     world.wanted = tuple(dict.fromkeys((*measured, *(limit.metric for limit in limits))))
-    promises = Promises(tuple(gains), tuple(proved))
-    kept = [g.name for g in gains if promises.verdict(g, world.loop) == CERTIFIED]
-    return goals, limits, Promises(promises.gains, promises.wanted, tuple(kept))
+    for g in filter(is_last, promises.gains):
+        promises.tell(f"{g.name}: proof of the hand-set numbers, which takes up to minutes")
+    kept = [g.name for g in promises.gains if promises.verdict(g, world.loop) == CERTIFIED]
+    return goals, limits, replace(promises, wanted=tuple(proved), kept=tuple(kept))
 
 
 @contextmanager
@@ -248,7 +252,7 @@ def _found(search: Search, name: str, held_out: int, prove: bool) -> Tuned:
         rolls.end()
     except KeyboardInterrupt:
         interrupts.note_interrupt()
-        raise Stopped(replace(found, gains=search.best.numbers)) from None
+        raise Stopped(replace(found, gains=search.best_proved.numbers)) from None
     return replace(found, gains=best.numbers, judged=judged, slices=along, margins=margins,
                    statement=stated, polished=polished)  # fmt: skip
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ def test_the_front_is_what_nothing_beats(found: Sequence[tuple[int, int, int]]) 
     """By definition, point by point; one that misses its limit by more is never on it."""
     search = object.__new__(FrontSearch)
     search.limits, search.front = [Limit("", "a", True, 1.0, "1")], []
+    search.shown, search.promises = {}, SimpleNamespace(has_last=lambda: False)
     given_ = [
         Candidate(n, {}, np.zeros(1), Score([float(a)] * 2, [[float(miss > 2)]] * 2),
                   (Score([float(b)] * 2, []),)) for n, (a, b, miss) in enumerate(found)
@@ -134,15 +136,13 @@ def test_objectives_that_are_none(objective: list[str], said: str) -> None:
 @given(st.lists(st.tuples(st.floats(0, 9), st.floats(0, 9)), max_size=5))
 def test_each_generation_is_told_with_its_ends_and_taken_down(found):
     """Least and largest mean of each objective on the front; limits that nothing meets are told."""
-    from types import SimpleNamespace
-
     search, said = object.__new__(FrontSearch), []
     front = [Candidate(n, {"k": 2.0}, np.zeros(1), Score([a], []), (Score([b], []),))
              for n, (a, b) in enumerate(found)]  # fmt: skip
     best = front[0] if front else Candidate(9, {"k": 3.0}, np.zeros(1), Score([7.0], []),
                                             (Score([8.0], []),))  # fmt: skip
     search.front, search.best, search.limits, search.course = front, best, [], []
-    search.rolls = SimpleNamespace(done=12)
+    search.rolls, search.shown = SimpleNamespace(done=12), {}
     search.objective, search.others = SimpleNamespace(text="one"), (SimpleNamespace(text="other"),)
     search.frees = [SimpleNamespace(short="k", name="k", unit="1")]
     search.tell = said.append

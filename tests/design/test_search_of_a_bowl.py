@@ -46,9 +46,14 @@ class Rolls:
 def searched(kind: type[Search] = Search, fails: Any = None, **more: Any) -> tuple[Search, Rolls]:
     rolls = Rolls(more.pop("best", (1.6, 14.0)), more.pop("broken", math.inf))
     told: list[str] = []
-    asked = [("stable", 1.0, "stable holds")] if fails else []
+    late = more.pop("late", None)
+    asked = [("stable", 1.0, "stable holds")] if fails or late else []
     promises = SimpleNamespace(
-        needed=lambda: asked, fails=fails, margin=lambda gains, numbers: 1 / numbers["ctl.a"]
+        needed=lambda: asked,
+        fails=fails or (lambda numbers: ""),
+        has_last=lambda: late is not None,
+        fails_last=late,
+        margin=lambda gains, numbers: 1 / numbers["ctl.a"],
     )
     made: dict[str, Any] = dict(
         loop=SimpleNamespace(with_params=lambda **numbers: numbers), frees=FREES, rolls=rolls,
@@ -197,3 +202,46 @@ def test_a_front_keeps_to_its_limits_and_says_what_it_did(front):
     with pytest.raises(BadInput, match="nothing in the ranges meets 'level'"):
         searched(FrontSearch, others=[LEVEL], runs=400,
                  limits=[Limit("level", "level", False, 40.0, "N m")])[0].run()  # fmt: skip
+
+
+# ---- what takes long to prove --------------------------------------------------------------------
+
+
+class Late:
+    """A proof that takes long: there is none below a = 2."""
+
+    def __init__(self, least: float = 2.0) -> None:
+        self.least, self.asked = least, list[tuple[float, ...]]()
+
+    def __call__(self, numbers: Mapping[str, float]) -> str:
+        self.asked.append(tuple(numbers.values()))
+        return "" if numbers["ctl.a"] >= self.least else "stable holds"
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_best_of_what_is_proved_is_found_with_few_proofs(seed):
+    """The bottom, at a = 1.6, has no proof: the best stands at a = 2, and b as without."""
+    late = Late()
+    search, _ = searched(late=late, seed=seed)
+    found = search.run()
+    assert [found.numbers[f.name] for f in FREES] == pytest.approx([2.0, 14.0], rel=0.03)
+    assert found.numbers["ctl.a"] >= 2
+    assert search.best_proved is found
+    assert len(set(late.asked)) == len(late.asked) < search.thought / 5
+
+
+def test_where_nothing_is_proved_that_is_told():
+    late = Late(least=4.0)
+    search, _ = searched(late=late, runs=600)
+    with pytest.raises(BadInput, match=r"'stable holds'.*best ones of \d+ candidates is proved"):
+        search.run()
+    assert search.best_proved is search.by_hand
+
+
+def test_the_whole_front_is_proved():
+    late = Late()
+    search, _ = searched(FrontSearch, late=late, objective=FAR, others=[LEVEL], runs=2000)
+    search.run()
+    assert min(c.numbers["ctl.a"] for c in search.front) >= 2  # type: ignore[attr-defined]
+    assert len(search.front) > 5  # type: ignore[attr-defined]
+    assert len(set(late.asked)) == len(late.asked)

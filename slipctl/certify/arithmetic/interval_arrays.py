@@ -25,7 +25,7 @@ class Boxes(ArrayOperations):
 
     def __init__(self, low: Any, high: Any) -> None:
         self.low, self.high = low, high
-        if np.isnan(low).any() or np.isnan(high).any():
+        if np.isnan(np.sum(low)) or np.isnan(np.sum(high)):  # or infinite ones of both signs
             self.low = np.where(np.isnan(low), -np.inf, low)
             self.high = np.where(np.isnan(high), np.inf, high)
 
@@ -40,8 +40,14 @@ class Boxes(ArrayOperations):
         """Boxes of arrays of finite floats, which are taken as they are."""
         return cls(low, high)
 
+    @classmethod
+    def _ordered(cls, low: Any, high: Any) -> Boxes:
+        found = cls.__new__(cls)
+        found.low, found.high = low, high
+        return found
+
     def _truth(self, sure: Any, possible: Any) -> Boxes:
-        return Boxes(sure * 1.0, possible * 1.0)
+        return Boxes._ordered(sure * 1.0, possible * 1.0)
 
     def __add__(self, other: Boxes | Exact) -> Boxes:
         o = self._as(other)

@@ -105,6 +105,11 @@ class ArrayOperations(Operations):
         """The same interval of rationals in so many boxes."""
         raise NotImplementedError
 
+    @classmethod
+    def _ordered(cls, low: Any, high: Any) -> Self:
+        """Intervals of ends that are numbers, the lower one first."""
+        return cls(low, high)
+
     def number(self, value: Exact) -> Self:
         """A number as boxes of this many."""
         number = Fraction(exact(value))
@@ -112,47 +117,47 @@ class ArrayOperations(Operations):
 
     def take(self, rows: Any) -> Self:
         """Boxes of some rows."""
-        return type(self)(self.low[rows], self.high[rows])
+        return self._ordered(self.low[rows], self.high[rows])
 
     def __neg__(self) -> Self:
-        return type(self)(-self.high, -self.low)
+        return self._ordered(-self.high, -self.low)
 
     def absolute(self) -> Self:
         """Absolute value."""
         across = (self.low <= 0) & (self.high >= 0)
         low, high = abs(self.low), abs(self.high)
-        return type(self)(
+        return self._ordered(
             np.where(across, low.dtype.type(0), np.minimum(low, high)), np.maximum(low, high)
         )
 
     def minimum(self, other: Self | Exact) -> Self:
         """Smaller one of two."""
         o = self._as(other)
-        return type(self)(np.minimum(self.low, o.low), np.minimum(self.high, o.high))
+        return self._ordered(np.minimum(self.low, o.low), np.minimum(self.high, o.high))
 
     def maximum(self, other: Self | Exact) -> Self:
         """Larger one of two."""
         o = self._as(other)
-        return type(self)(np.maximum(self.low, o.low), np.maximum(self.high, o.high))
+        return self._ordered(np.maximum(self.low, o.low), np.maximum(self.high, o.high))
 
     def hull(self, other: Self | Exact) -> Self:
         """Smallest intervals around two."""
         o = self._as(other)
-        return type(self)(np.minimum(self.low, o.low), np.maximum(self.high, o.high))
+        return self._ordered(np.minimum(self.low, o.low), np.maximum(self.high, o.high))
 
     def meet(self, other: Self) -> Self:
         """What two enclosures of the same have in common."""
-        return type(self)(np.maximum(self.low, other.low), np.minimum(self.high, other.high))
+        return self._ordered(np.maximum(self.low, other.low), np.minimum(self.high, other.high))
 
     def choose(self, yes: Self, no: Self) -> Self:
         """``yes`` where self is not 0, ``no`` where it is 0, both where that is open."""
         sure = ((self.low > 0) | (self.high < 0)).astype(bool)
-        never = ((self.low == 0) & (self.high == 0)).astype(bool)
-        both = yes.hull(no)
-        return type(self)(
-            np.where(sure, yes.low, np.where(never, no.low, both.low)),
-            np.where(sure, yes.high, np.where(never, no.high, both.high)),
-        )
+        open_ = ~(sure | ((self.low == 0) & (self.high == 0)).astype(bool))
+        low, high = np.where(sure, yes.low, no.low), np.where(sure, yes.high, no.high)
+        if open_.any():
+            both = yes.hull(no)
+            low, high = np.where(open_, both.low, low), np.where(open_, both.high, high)
+        return self._ordered(low, high)
 
     def decided(self) -> bool:
         """Whether each box holds a single number."""

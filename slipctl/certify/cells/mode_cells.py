@@ -189,10 +189,16 @@ class Cells:
             if enter:
                 self.number(())
             return np.zeros(len(modes), np.int64) if self.modes else np.full(len(modes), -1)
-        found, back = np.unique(modes, axis=0, return_inverse=True)
-        known = [tuple(map(int, m)) for m in found]
+        if not len(modes):
+            return np.zeros(0, np.int64)
+        first, back = modes.min(axis=0), np.zeros(len(modes), np.int64)
+        for column in (modes - first).T:  # numbered anew, so that no product is too large
+            _, back = _distinct(back * (int(column.max()) + 1) + column)
+        row = np.zeros(int(back.max()) + 1, np.int64)
+        row[back] = np.arange(len(back))
+        known = [tuple(map(int, m)) for m in modes[row]]
         numbers = [self.number(m) if enter else self.numbers.get(m, -1) for m in known]
-        return np.array(numbers, np.int64)[back.reshape(-1)]
+        return np.array(numbers, np.int64)[back]
 
     def add(self, number: int, places: np.ndarray) -> np.ndarray:
         """Enter places of a mode; gives those that are new."""
@@ -307,18 +313,20 @@ def _joined(a: Any, b: Any) -> Any:
 
 def places_in_ranges(low: np.ndarray, high: np.ndarray, count: Sequence[int]) -> np.ndarray:
     """Places of all cells from the first to the last one along each axis, by row."""
-    span = high - low + 1
-    many = span.prod(axis=1)
-    row = np.repeat(np.arange(len(low)), many)
-    at = np.arange(len(row)) - np.repeat(np.cumsum(many) - many, many)
-    place = np.zeros(len(row), np.int64)
-    step = 1
-    for k in range(len(count) - 1, -1, -1):
-        wide = span[row, k]
-        place += (low[row, k] + at % wide) * step
-        at //= wide
-        step *= count[k]
-    return place
+    strides = np.array([math.prod(count[k + 1 :]) for k in range(len(count))], np.int64)
+    base, span = low @ strides, high - low + 1
+    many, found = np.max(span, axis=0, initial=0) + 1, []
+    shapes, of = _distinct(np.ravel_multi_index(span.T, many))
+    for k, shape in enumerate(zip(*np.unravel_index(shapes, many), strict=True)):
+        offsets = sum(np.ix_(*(np.arange(n) * s for n, s in zip(shape, strides, strict=True))))
+        found.append((base[of == k, None] + np.ravel(offsets)).reshape(-1))
+    return np.concatenate(found) if found else base
+
+
+def _distinct(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distinct ones of a few whole numbers, in order, and which of them each is."""
+    found = np.unique(values)
+    return found, np.searchsorted(found, values)
 
 
 # ---- check --------------------------------------------------------------------------------------

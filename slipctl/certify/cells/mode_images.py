@@ -127,16 +127,23 @@ class ModeTick:
         self, maker: Any, values: list[Any], many: int
     ) -> tuple[list[Any], np.ndarray, np.ndarray]:
         """States after a tick, the modes, and from which row each row is."""
-        first, cell = len(self.code.inputs), np.arange(many)
-        asked = self._asked(values, many)
+        first, cell, split = len(self.code.inputs), np.arange(many), False
+        asked, plain = self._asked(values, many)
+        same = [True] * first  # enclosures that are those of the pass in plain intervals
         for k, (operation, *args) in enumerate(self.code.steps):
             if operation == "const":
                 values[first + k] = maker.between(args[0], args[0], len(cell))
+                same.append(True)
                 continue
-            parts = [values[i] for i in args]
+            parts, box = [values[i] for i in args], None
+            same.append(all(same[i] for i in args))
+            if same[-1]:
+                box = plain[first + k]
+                box = box.take(cell) if split and box.low.size > 1 else box
             if operation in COMPARISONS:
-                answer = maker.compared(operation, parts)
+                answer = maker.compared(operation, parts, box)
                 open_ = answer.open_rows()
+                same[-1] = answer is box and not open_.size
                 if open_.size and answer.low.size == 1:  # the same in all rows
                     answer = answer.take(np.zeros(len(cell), np.int64))
                     open_ = answer.open_rows()
@@ -146,6 +153,7 @@ class ModeTick:
                         raise TooManyWays("the tick has too many ways over a few cells")
                     rows, many = np.concatenate([np.arange(len(cell)), open_]), len(cell)
                     values = [None if v is None else v.take(rows) for v in values]
+                    split = True
                     maker.take(rows)
                     cell, answer = cell[rows], answer.take(rows)
                     one, zero = answer.number(1), answer.number(0)
@@ -153,7 +161,7 @@ class ModeTick:
                     answer.low[many:] = one.low[many:]  # yes in the new ones
                 values[first + k] = maker.interval(answer)
             else:
-                values[first + k] = maker.after(operation, parts, args)
+                values[first + k] = maker.after(operation, parts, args, box)
             for i in self._dead[k]:
                 values[i] = None
         found: dict[str, Any] = {n: values[i] for n, i in self.code.outputs.items()}
@@ -165,8 +173,10 @@ class ModeTick:
         ]
         return forms, modes, cell
 
-    def _asked(self, values: Sequence[Any], many: int) -> dict[int, np.ndarray]:
-        """By comparison the rows on which its answer counts, of a pass in plain intervals.
+    def _asked(
+        self, values: Sequence[Any], many: int
+    ) -> tuple[dict[int, np.ndarray], Sequence[Any]]:
+        """By comparison the rows on which its answer counts, and a pass in plain intervals.
 
         Behind a choice that is decided, only what it chooses counts.
         """
@@ -197,11 +207,12 @@ class ModeTick:
                     never &= (answer.low == 0) if part == 1 else (answer.low != 0)
                     mine = own & ~never.astype(bool)
                 counts[i] = mine if not counts[i].size else counts[i] | mine
-        return {
+        asked = {
             k: counts[first + k] if counts[first + k].size else none
             for k, (operation, *_) in enumerate(code.steps)
             if operation in COMPARISONS
         }
+        return asked, plain
 
 
 def _crowded(cell: np.ndarray, modes: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -180,23 +181,25 @@ class LineForm:
     def _as_line(self) -> Line:
         return Line.of_box(self.box) if self.line is None else self.line
 
-    def compared(self, operation: str, other: LineForm) -> Boxes:
-        """Answer to a comparison: 0, 1, or both."""
-        plain = _RULES[operation](self.box, other.box)
+    def compared(self, operation: str, other: LineForm, known: Boxes | None = None) -> Boxes:
+        """Answer to a comparison: 0, 1, or both; ``known`` is that of the intervals."""
+        plain = _RULES[operation](self.box, other.box) if known is None else known
         if (self.line is None and other.line is None) or not plain.open_rows().size:
             return plain
         difference = self._as_line().plus(other._as_line(), -1).box()
         return plain.meet(_RULES[operation](difference, Boxes(np.zeros(1), np.zeros(1))))
 
     @staticmethod
-    def after(operation: str, parts: Sequence[LineForm], args: Sequence[int]) -> LineForm:
-        """Value of an operation that is no comparison."""
+    def after(
+        operation: str, parts: Sequence[LineForm], args: Sequence[int], known: Boxes | None = None
+    ) -> LineForm:
+        """Value of an operation that is no comparison; ``known`` is its interval."""
         same = operation in ("mul", "div") and args[0] == args[1]
         name = "sq" if same and operation == "mul" else operation
         if name == "sq":
             parts = parts[:1]
         boxes = [p.box for p in parts]
-        box = _RULES[name](*boxes)
+        box = _RULES[name](*boxes) if known is None else known
         if all(p.line is None for p in parts) or (same and operation == "div"):
             return LineForm(box)
         if name == "choose":
@@ -237,8 +240,10 @@ def _larger(lines: Sequence[Line], parts: Sequence[LineForm], smaller: bool) -> 
     difference = lines[0].plus(lines[1], -1)
     over = (parts[0].box - parts[1].box).meet(difference.box())
     first, second = over.low >= 0, over.high <= 0
-    found = lines[0 if smaller else 1].plus(_positive(difference, over), -1 if smaller else 1)
     one, two = (lines[1], lines[0]) if smaller else lines
+    if first.all() or second.all():
+        return one if first.all() else two
+    found = lines[0 if smaller else 1].plus(_positive(difference, over), -1 if smaller else 1)
     return _picked(first, one, _picked(second, two, found))
 
 
@@ -275,6 +280,11 @@ def _chosen(parts: Sequence[LineForm], box: Boxes) -> LineForm:
     return LineForm(box, _picked(open_, Line.of_box(box), found))
 
 
+@lru_cache(maxsize=4096)
+def _around(low: Fraction, high: Fraction) -> Boxes:
+    return Boxes.around(low, high)
+
+
 class LineValues:
     """Makes values of a tick as lines; ranges that all rows have alike are arrays of one."""
 
@@ -290,7 +300,7 @@ class LineValues:
 
     def between(self, low: Fraction, high: Fraction, many: int) -> LineForm:
         """What lies within a range in all rows."""
-        return self.interval(Boxes.around(low, high, 1))
+        return self.interval(_around(low, high))
 
     def points(self, values: np.ndarray) -> LineForm:
         """One float a row."""
@@ -307,10 +317,15 @@ class LineValues:
         """A value with the tightest interval that is known, by row."""
         return LineForm(form.tightest(many), form.line)
 
-    def compared(self, operation: str, parts: Sequence[LineForm]) -> Boxes:
-        """Answer to a comparison, by row 0, 1 or both."""
-        return parts[0].compared(operation, parts[1])
+    def compared(
+        self, operation: str, parts: Sequence[LineForm], known: Boxes | None = None
+    ) -> Boxes:
+        """Answer to a comparison, by row 0, 1 or both; ``known`` is that of the intervals."""
+        return parts[0].compared(operation, parts[1], known)
 
-    def after(self, operation: str, parts: Sequence[LineForm], args: Sequence[int]) -> LineForm:
-        """Value of an operation that is no comparison."""
-        return LineForm.after(operation, parts, args)
+    def after(
+        self, operation: str, parts: Sequence[LineForm], args: Sequence[int],
+        known: Boxes | None = None,
+    ) -> LineForm:  # fmt: skip
+        """Value of an operation that is no comparison; ``known`` is its interval."""
+        return LineForm.after(operation, parts, args, known)

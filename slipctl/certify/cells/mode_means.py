@@ -88,19 +88,23 @@ class MeanValues:
         """A value with the tightest interval that is known."""
         return _Form(form.tightest(self.half), form.middle, form.slopes)
 
-    def compared(self, operation: str, parts: Sequence[_Form]) -> Any:
-        """Answer to a comparison, by row 0, 1 or both."""
-        return _compared(operation, parts, self.half)
+    def compared(self, operation: str, parts: Sequence[_Form], known: Any = None) -> Any:
+        """Answer to a comparison, by row 0, 1 or both; ``known`` is that of the intervals."""
+        return _compared(operation, parts, self.half, known)
 
-    def after(self, operation: str, parts: Sequence[_Form], args: Sequence[int]) -> _Form:
-        """Value of an operation that is no comparison."""
-        return _after(operation, parts, args)
+    def after(
+        self, operation: str, parts: Sequence[_Form], args: Sequence[int], known: Any = None
+    ) -> _Form:
+        """Value of an operation that is no comparison; ``known`` is its interval."""
+        return _after(operation, parts, args, known)
 
 
-def _compared(operation: str, parts: Sequence[_Form], half: Sequence[Any]) -> Any:
+def _compared(
+    operation: str, parts: Sequence[_Form], half: Sequence[Any], known: Any = None
+) -> Any:
     """Answer to a comparison, by row 0, 1 or both."""
     a, b = parts
-    plain = _RULES[operation](a.box, b.box)
+    plain = _RULES[operation](a.box, b.box) if known is None else known
     if not (a.slopes or b.slopes) or not plain.open_rows().size:
         return plain
     slopes = {k: (a.slopes[k] - b.slopes[k]) if k in a.slopes and k in b.slopes
@@ -110,7 +114,7 @@ def _compared(operation: str, parts: Sequence[_Form], half: Sequence[Any]) -> An
     return plain.meet(_RULES[operation](difference, difference.number(0)))
 
 
-def _after(operation: str, parts: Sequence[Any], args: Sequence[int]) -> _Form:
+def _after(operation: str, parts: Sequence[Any], args: Sequence[int], known: Any = None) -> _Form:
     """Value of an operation that is no comparison."""
     boxes = [p.box for p in parts]
     same = all(p.middle is p.box for p in parts)
@@ -118,7 +122,7 @@ def _after(operation: str, parts: Sequence[Any], args: Sequence[int]) -> _Form:
         rule = (lambda a, b: a.sq()) if operation == "mul" else _RULES["div"]
     else:
         rule = _RULES[operation]
-    box = rule(*boxes)
+    box = rule(*boxes) if known is None else known
     if same and not any(p.slopes for p in parts):
         return _Form(box, box, {})
     middle = rule(*(p.middle for p in parts))

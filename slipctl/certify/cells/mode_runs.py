@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -86,9 +86,10 @@ class _Search:
     def runs(self, starts: np.ndarray, signs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest value of each real state, by run."""
         loop = self.loop
-        ends = np.array([[float(a), float(b)] for a, b in loop.start]).reshape(-1, 2)
+        ends, rows = np.array([[float(a), float(b)] for a, b in loop.start]), len(starts)
+        ends = ends.reshape(-1, 2)
         states = [np.where(starts[:, k] > 0, ends[k, 1], ends[k, 0]) for k in range(len(ends))]
-        states += [np.full(RUNS, float(m)) for m in loop.begins]
+        states += [np.full(rows, float(m)) for m in loop.begins]
         order = [*(f"x_{n}" for n in (*loop.reals, *loop.modes)), *(f"d_{n}" for n in self.names)]
         inputs = [order.index(n) for n in loop.code.inputs]
         outputs = list(loop.code.outputs)
@@ -101,7 +102,7 @@ class _Search:
             given = [*states, *push.T]
             with np.errstate(all="ignore"):
                 after = self.run(*(given[i] for i in inputs))
-            states = [np.broadcast_to(np.asarray(after[i], float), (RUNS,)) for i in to]
+            states = [np.broadcast_to(np.asarray(after[i], float), (rows,)) for i in to]
             if self.kept:
                 value = np.asarray(after[outputs.index(self.kept)])
                 self.ends = [min(self.ends[0], value.min()), max(self.ends[1], value.max())]
@@ -110,7 +111,7 @@ class _Search:
                 break
             low, high = np.minimum(low, reals), np.maximum(high, reals)
             if (t + 1) % loop.stride == 0:
-                modes = np.array(states[many:]).reshape(-1, RUNS).T
+                modes = np.array(states[many:]).reshape(-1, rows).T
                 self.visited.append((reals.T, np.rint(modes).astype(np.int64)))
         self.lowest = np.minimum(self.lowest, low.min(axis=1))
         self.highest = np.maximum(self.highest, high.max(axis=1))
@@ -147,6 +148,27 @@ def worst_runs(loop: ModeLoop, ticks: int, seed: int = 0, kept: str = "") -> Run
                     starts[:30] = starts[order[:30]]
     ends = [Fraction(float(e)) for e in search.ends]
     return Runs(search.lowest, search.highest, search.visited, worst, (ends[0], ends[1]))
+
+
+def farthest_of_runs(
+    loop: ModeLoop, state: str, runs: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> float:
+    """Largest value of a state, or of a further output, in runs that other loops found worst.
+
+    Args:
+        loop: the loop. state: the state. runs: starts by real state and pushes by tick, as signs;
+            those of a loop with other states or pushes are left out.
+    """
+    shape = (len(loop.reals), len(loop.push))
+    fit = [(a, b) for a, b in runs if (len(a), b.shape[1]) == shape]
+    if not fit:
+        return -np.inf
+    ticks = max(len(b) for _, b in fit)
+    starts = np.array([a for a, _ in fit])
+    signs = np.array([np.concatenate([b, np.repeat(b[-1:], ticks - len(b), 0)]) for _, b in fit])
+    search = _Search(loop, ticks, 0, "" if state in loop.reals else state)
+    _, high = search.runs(starts, signs)
+    return float(high[loop.reals.index(state)].max()) if state in loop.reals else search.ends[1]
 
 
 def run_entries(starts: np.ndarray, signs: np.ndarray) -> dict[str, Any]:

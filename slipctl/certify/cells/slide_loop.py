@@ -7,13 +7,14 @@ vehicle. The height of the adhesion curve may change in any way from tick to tic
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
 from slipctl.certify.arithmetic.decimal_intervals import Interval
 from slipctl.certify.cells.mode_cells import ModeLoop
+from slipctl.certify.cells.mode_runs import farthest_of_runs
 from slipctl.certify.cells.switched_loop import Question, Range, Stay, read_names
 from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
 from slipctl.certify.promise import (
@@ -106,6 +107,20 @@ class SlideQuestion:
     def refuters(self) -> dict[str, Refuter]:
         """Runs that exceed the band."""
         return {"run": Refuter(f"{SLIP}_stays", self._find_run, self._replay, self._find_run)}
+
+    def worst_runs(self, n: Numbers) -> tuple[tuple[Any, Any], ...]:
+        """Starts and pushes, as signs, of the worst runs that are found."""
+        question = self._question()
+        return tuple(run[1:] for run in question.runs(question.loop(n)).worst.values())
+
+    def exceeds(self, n: Numbers, runs: Sequence[tuple[Any, Any]]) -> bool:
+        """Whether the slip leaves its band in one of some runs, in floats; then no proof is found.
+
+        Args:
+            n: numbers of this loop. runs: starts and pushes, perhaps of another one.
+        """
+        far = farthest_of_runs(self._question().loop(n), SLIP, runs)
+        return "band" in n and far > float(n["band"]) * (1 + 1e-9)
 
     def _find(self, n: Numbers) -> Entries | None:
         question = self._question()

@@ -80,7 +80,7 @@ def polish(search: Search) -> Polished:
         minimize(fun, search.best.share, jac=True, method="L-BFGS-B",
                  bounds=[(0.0, 1.0)] * len(names), options={"maxiter": STEPS})  # fmt: skip
     for made in tried:
-        if not search.behind(made, search.best, final=True):
+        if not search.behind(made, search.best, final=True) and search.holds(made):
             search.best = made
     search.spent = search.rolls.done
     return Polished("", off, start - search.best.score.mean())

@@ -1,0 +1,95 @@
+"""A state machine of a vehicle file is tuned, and what is found is proved by cells."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from slipctl.certify import catalogue
+from slipctl.certify.promise import CERTIFIED
+from slipctl.commands.cli import main
+from slipctl.design.promises import Promises
+from slipctl.study import resolve
+from slipctl.study.request import Request
+from tests.leaves_trip import leaves_trip
+
+MACHINE = """
+[wsp]
+doc = "Fills, holds and vents by the slip"
+equations = \"\"\"
+mode+ = 2 if v_s > s_hi else (1 if v_s > s_lo else 0)
+T_wanted = 0*T_top if mode > 1.5 else (T_top if mode < 0.5 else T)
+\"\"\"
+outputs = { T_wanted = "N m" }
+[wsp.inputs]
+v_s = { unit = "m/s", doc = "slip", positive = "braking", per = "speed" }
+T = { unit = "N m", doc = "brake torque", positive = "braking" }
+[wsp.parameters]
+s_hi = "1.2 m/s in 0.1 .. 30"
+s_lo = "0.7 m/s in 0.1 .. 30"
+T_top = "9 kN m"
+[wsp.states]
+mode = { start = 0 }
+"""
+"""Its numbers are proved to stay below 2.2 m/s; those from which it vents later are not."""
+
+ACTUATOR = """kind = "valve"
+torque = "9 kN m"
+fill = "100 ms"
+vent = "100 ms"
+"""
+
+REST = """[certify]
+slip = "2.2 m/s"
+[ensemble]
+[ensemble.draw]
+m = "36 t:40 t"
+[controllers.wsp]
+kind = "file"
+block = "wsp.toml:wsp"
+"""
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "wsp.toml").write_text(MACHINE, encoding="utf-8")
+    (tmp_path / "t.toml").write_text(leaves_trip(ACTUATOR, REST), encoding="utf-8")
+
+
+@pytest.mark.long
+def test_a_machine_is_tuned_to_one_that_is_proved(capsys, tmp_path):
+    """It vents as early as its proof asks for; the certificate is checked without a search."""
+    line = ["tune", "t.toml:wsp", "--free", "s_hi=1:8", "--minimise", "slip_error_rms",
+            "--subject-to", "wsp.certified", "--samples", "4", "--runs", "40", "--held-out", "4",
+            "--out", "out", "--json"]  # fmt: skip
+    assert main(line) == 0
+    found = json.loads(capsys.readouterr().out)
+    best = float(found["gains"]["ctl.law.s_hi"]["value"])
+    assert 1 <= best < 1.6
+    assert main(["check", "out/certificate.json"]) == 0
+    said = json.loads((tmp_path / "out" / "certificate.json").read_text(encoding="utf-8"))
+    assert {e["certificate"]["verdict"] for e in said["exact"]} == {CERTIFIED}
+
+
+@pytest.mark.long
+def test_a_machine_without_a_proof_is_refused_by_the_runs_of_another_one():
+    """What leaves the bound in such a run is not certified, and its own search says REFUTED."""
+    study = resolve.load_study("t.toml")
+    gains = next(g for g in study.gains if g.loop == "wsp")
+    loop = Request.of(study, "wsp", []).chosen[0]
+    promises = Promises((gains,), kept=(gains.name,))
+    late = loop.with_params(**{"ctl.law.s_hi": 6.0})
+    assert not promises.fails(late)  # no run is known
+    assert promises.verdict(gains, loop) == CERTIFIED
+    assert not promises.fails(loop)
+    assert promises.fails(late) == f"{gains.name}.certified"
+    assert promises.verdict(gains, late) != CERTIFIED
+    assert promises.fails_last(late)
+    assert not promises.fails_last(loop)
+    system = catalogue.system_of_gains(gains, loop)
+    runs = system.loop.worst_runs(promises.numbers(gains, loop))
+    assert all(np.isin(signs, (-1, 1)).all() for _, signs in runs)
+    assert not system.loop.exceeds(promises.numbers(gains, loop), runs)
