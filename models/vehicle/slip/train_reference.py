@@ -58,7 +58,7 @@ def counted_share(train: SlidingTrain, trip: Trip, part: TrainSlip) -> float:
     """Share of the believed strength that a train counts on."""
     if part.caution is not None:
         return part.caution
-    return cautious_share(train, max(trip.vehicle.speed, 5.0), part.within)
+    return cautious_share(train, max(trip.vehicle.speed, 5.0), part.within, plan=part.plan)
 
 
 def train_reference(trip: Trip, part: TrainSlip) -> Block:
