@@ -41,7 +41,7 @@ def measured(made: Trip, name: str) -> Case:
     return replace(found, log=KEPT, every=ROWS, known=known)
 
 
-def _loop_that_knows(loops: Loops, name: str, tau: float) -> Block:
+def _loop_that_knows(loops: Mapping[str, Block], name: str, tau: float) -> Block:
     """A loop whose law is told how strongly wheels clean, where it does not learn.
 
     Its caution is then that of this strength, as in a file that says so.

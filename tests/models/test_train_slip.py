@@ -210,6 +210,22 @@ def test_every_slip_law_takes_it_and_leading_axles_go_further(kind):
     assert ratio.max() < 0.301
 
 
+def test_caution_is_that_of_the_file_its_layers_and_its_plan():
+    """With two layers, 8 axles that count on the strength stop 5 % later than at their peaks."""
+
+    def counted(**changes):
+        layer = Contamination(condition="leaves", tau=6e-5, **changes)
+        rail = Track(law="falling_creep", sections=(Stretch(place=0.0, condition="clean"),),
+                     contamination=layer)  # fmt: skip
+        made = train(8, rail=rail, controllers=law())
+        return vehicle_control(made, made.controllers["x"]).param_values()["reference.caution"]
+
+    assert counted() > 0.9
+    assert counted(layers=2) == 0.0
+    made = SlidingTrain(LEAVES, falling_creep, tuple(2.0 * np.arange(8)), 58860.0, 3.4e-5)
+    assert 0 < cautious_share(made, 25.0, plan=True) < cautious_share(made, 25.0) < 1
+
+
 def test_each_axle_knows_how_many_follow():
     made = train(4, controllers=law())
     block = vehicle_control(made, made.controllers["x"])
