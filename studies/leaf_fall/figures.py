@@ -169,9 +169,12 @@ def chance(r: Results) -> Any:
 
 
 def sizes(r: Results) -> Any:
-    """Stopping distance over the number of axles, leaves everywhere."""
+    """Stopping distance over the number of axles, leaves everywhere.
+
+    The plan over all axles would hide the law: it is within the width of its line.
+    """
     t = r.table("sizes")
-    names = ("wsp_tuned", "common_slip", "own_slip", "train", "train_plan", "best of the train")
+    names = ("wsp_tuned", "common_slip", "own_slip", "train", "best of the train")
     fig, axes = plots.panels(1, 2, height=2.8, sharey=True)
     for axis, cleaning in zip(axes[0], dict.fromkeys(t["cleaning"]), strict=True):
         rows = [k for k, (c, where) in enumerate(zip(t["cleaning"], t["leaves"], strict=True))

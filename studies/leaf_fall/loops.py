@@ -10,11 +10,13 @@ from typing import Any
 from slipctl import Block, Case
 from slipctl.models.vehicle import Trip, case
 from slipctl.models.vehicle.contamination import patches_of_seed
+from slipctl.models.vehicle.parts import TrainSlip
+from slipctl.models.vehicle.slip.train_reference import believed_train, counted_share
 from slipctl.models.vehicle.study import signals_of_trip
 from slipctl.models.vehicle.trip import CLEAN, clean_case
 from slipctl.run.results import Loops
 from slipctl.run.sweep.ensemble import Ensemble
-from slipctl.studies.leaf_fall.trains import MEDIUM, PATCHES, trip
+from slipctl.studies.leaf_fall.trains import MEDIUM, PATCHES, RIVALS, trip
 
 KEPT = (
     "plant.train.x", "plant.train.v", "plant.train.omega", "plant.train.mu", "slip.y", "plant.T",
@@ -39,14 +41,17 @@ def measured(made: Trip, name: str) -> Case:
     return replace(found, log=KEPT, every=ROWS, known=known)
 
 
-def _loop_that_knows(loops: Loops, name: str, tau: float) -> Block:
-    """A loop whose law knows how strongly wheels clean, if it asks for that and does not learn."""
-    loop = loops[name]
-    for part in ("ctl.reference", "ctl.plan"):
-        caution = loop.params.get(f"{part}.caution")
-        if caution is not None and float(caution.value) > 0 and "ctl.rail.tau_0" not in loop.params:
-            return loop.with_params(**{f"{part}.strength": tau})
-    return loop
+def _loop_that_knows(loops: Mapping[str, Block], name: str, tau: float) -> Block:
+    """A loop whose law is told how strongly wheels clean, where it does not learn.
+
+    Its caution is then that of this strength, as in a file that says so.
+    """
+    loop, reference = loops[name], getattr(RIVALS[name], "reference", None)
+    if not isinstance(reference, TrainSlip) or reference.learn or reference.tau == 0:
+        return loop
+    made, part = trip(tau=tau), "ctl.plan" if reference.plan else "ctl.reference"
+    share = counted_share(believed_train(made, reference), made, reference)
+    return loop.with_params(**{f"{part}.strength": tau, f"{part}.caution": share})
 
 
 def cases(models: Mapping[str, Any], quick: bool) -> list[Case]:

@@ -82,7 +82,7 @@ class TrainSlip(Part):
     within: float = number("1", 3.0, "factor within which that is known", lo=1, hi=100)
     caution: float | None = number(
         "1", None, "share of the strength that is counted on; none: worked out, so that the train"
-        " stops at most 1 % later than with best slips", lo=0, hi=1,
+        " stops at most 2 % later than with best slips", lo=0, hi=1,
     )  # fmt: skip
     ahead: bool = text_field(
         False, "whether axles fill their brakes before the layer ends, as leading axles saw it"

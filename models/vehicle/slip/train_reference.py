@@ -48,7 +48,7 @@ def believed_train(trip: Trip, part: TrainSlip) -> SlidingTrain:
     load = vehicle.total * vehicle.gravity / vehicle.axles / 2
     return SlidingTrain(
         fouled, clean, tuple(x - at[0] for x in at), load=load,
-        tau=layer.tau if part.tau is None else part.tau, slip=part.slip,
+        tau=layer.tau if part.tau is None else part.tau, layers=layer.layers, slip=part.slip,
         most=trip.actuator.torque / trip.one_radius / (2 * load),
         resistance=(a / vehicle.total, c / vehicle.total), gravity=vehicle.gravity,
     )  # fmt: skip
@@ -58,7 +58,7 @@ def counted_share(train: SlidingTrain, trip: Trip, part: TrainSlip) -> float:
     """Share of the believed strength that a train counts on."""
     if part.caution is not None:
         return part.caution
-    return cautious_share(train, max(trip.vehicle.speed, 5.0), part.within)
+    return cautious_share(train, max(trip.vehicle.speed, 5.0), part.within, plan=part.plan)
 
 
 def train_reference(trip: Trip, part: TrainSlip) -> Block:
