@@ -114,3 +114,16 @@ def test_sides_of_which_some_runs_alone_reach_a_metric_differ():
         compare._row([*sides, sides[1]], ["s/x"] * 3, "m")]}))  # fmt: skip
     assert "never (never .. never), 3 never" in told
     assert "-inf" in told
+
+
+def test_sides_have_a_letter_each_and_beyond_z_a_number():
+    sides = [Side(f"run{k}", state="stopped" if k == 1 else "") for k in range(28)]
+    changed = [{"what": f"p{k}", "unit": "m", "values": ["1"] * 28} for k in range(compare.LISTED)]
+    said = compare.text(sides, changed, {})
+    lines = said.splitlines()
+    assert lines[:2] == ["A  run0", "B  run1 (stopped)"]
+    assert lines[25:28] == ["Z  run25", "27  run26", "28  run27"]
+    assert "more; --json has all" not in said
+    more = compare.text(sides, [*changed, changed[0], changed[0]], {})
+    assert "2 more; --json has all" in more
+    assert "only metrics differ" in compare.text(sides, [], {})

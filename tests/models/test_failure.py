@@ -435,17 +435,18 @@ def _commanded(mode, driven, x, u, p):
     else:
         wanted = min(x["T_h"] if mode == "hold" else float(mode), top)
     slowly = (not relied or x["slow"] > 0.5) and u["on"] < 0.5
-    T = min(wanted, x["T_h"] + p["rate"] * p["T_max"] * p["T"]) if slowly else wanted
-    lets = relied and u["on"] > 0.5 and top > 0.02 * p["T_max"] and (T < 0.1 * top or T < x["T_h"])
+    gets = min(wanted, x["T_h"] + p["rate"] * p["T_max"] * p["T"]) if slowly else wanted
+    low = gets < 0.1 * top or gets < x["T_h"]
+    lets = relied and u["on"] > 0.5 and top > 0.02 * p["T_max"] and low
     time = x["let_go"] + p["T"] if lets else 0.0
     longest = min(p["limit"], p["limit_still"]) if u["stands"] > 0.5 else p["limit"]
     over = time >= longest
     after = {
-        "T_h": T, "let_go": 0.0 if over else min(time, p["limit"]),
+        "T_h": gets, "let_go": 0.0 if over else min(time, p["limit"]),
         "back": p["again"] if over else max(x["back"] - p["T"], 0.0),
-        "slow": float(slowly and wanted > T),
+        "slow": float(slowly and wanted > gets),
     }  # fmt: skip
-    return after, {"T_cmd": T, "released": float(not held)}
+    return after, {"T_cmd": gets, "released": float(not held)}
 
 
 @pytest.mark.parametrize("driven", [False, True])

@@ -178,3 +178,13 @@ def test_why_a_column_cannot_be_read_is_told_with_row_and_cell():
     assert "'1.2.3' in line 11 is no number" in told(["1", "1.2.3", "4"])
     assert "'1.234' in line 11 may be 1.234 or 1234" in told(["2", "1.234"])
     assert "has no decimal mark ','" in told(["12.5", "2"], ",")
+
+
+@pytest.mark.parametrize(
+    ("cells", "row"),
+    [(["1.234,5", "1,234.5", "12,345.67"], 1), (["1.5", "2.25", "1.234,5", "1,2,3,4"], 2)],
+)
+def test_the_first_cell_that_contradicts_those_before_is_told(cells, row):
+    clash = column_of(cells).clash
+    assert clash is not None
+    assert row in clash
