@@ -188,3 +188,20 @@ def test_the_first_cell_that_contradicts_those_before_is_told(cells, row):
     clash = column_of(cells).clash
     assert clash is not None
     assert row in clash
+
+
+@pytest.mark.parametrize(
+    ("cells", "told", "elsewhere", "parted_by", "found"),
+    [
+        (["1,5"], ".", "", ";", None), (["1,5"], ",", "", ";", ","),
+        (["1,5", "2,25"], "", "", ";", ","), (["1.5"], "", "", ",", "."),
+        (["1.234"], "", "", ";", None), (["1.234"], "", ".", ";", "."),
+        (["1.234"], "", "", ",", "."), (["1.234"], "", ",", ",", None),
+        (["1,234"], "", ",", ";", ","), (["1,234", "12"], "", "", ";", None),
+        (["1.240", "12"], "", ",", ";", ","), (["1.240", "1234"], "", ",", ";", None),
+        (["1.240", "12"], "", ".", ";", None),
+    ],
+)  # fmt: skip
+def test_the_decimal_mark_of_a_column_is_told_or_found(cells, told, elsewhere, parted_by, found):
+    reading = marks_of_column(column_of(cells), told, list(elsewhere), parted_by)
+    assert (reading and reading[0]) == found
