@@ -45,3 +45,14 @@ def test_outputs_beyond_their_ranges_are_told_with_their_units():
     assert "a_v comes to -0.8 m/s^2, beyond its range of -0.5 to 0.5 m/s^2:" in said
     assert "share comes to -0.8, beyond its range of -0.6 to 1:" in said
     assert "calm comes" not in said
+
+
+@pytest.mark.parametrize(("rate", "at_end"), [(0.8, True), (0.3, False)])
+def test_a_number_that_ends_at_its_range_is_told(rate, at_end):
+    @flow(y=Output("m/s", "speed"))
+    def slow(v=State("m/s", 1.0, "speed"), k=Param("1/s", 0.2, "rate", lo=0.1, hi=0.5)):
+        return dict(v=-k * v), dict(y=v)
+
+    found = fit_over_time(slow, {"time": T, "v": np.exp(-rate * T)}, "v")
+    assert found.values["k"] == pytest.approx(min(rate, 0.5), rel=1e-3)
+    assert any("is at the end of its range" in line for line in found.doubts) == at_end
