@@ -205,3 +205,11 @@ def test_the_first_cell_that_contradicts_those_before_is_told(cells, row):
 def test_the_decimal_mark_of_a_column_is_told_or_found(cells, told, elsewhere, parted_by, found):
     reading = marks_of_column(column_of(cells), told, list(elsewhere), parted_by)
     assert (reading and reading[0]) == found
+
+
+@pytest.mark.parametrize("coding", ["utf-16-le", "utf-16-be", "utf-8"])
+def test_letters_of_two_bytes_are_told_by_the_begin_of_a_file(coding, tmp_path: Path):
+    """Whatever letters come later, of which a half may be zero too."""
+    text = "time,v\n" + "1,2\n" * 1200 + "一ā,3\n"
+    (tmp_path / "log.csv").write_bytes(text.encode(coding))
+    assert text_of(tmp_path / "log.csv") == (text, coding)
