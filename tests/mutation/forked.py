@@ -42,6 +42,9 @@ from sites import Site
 LONGEST = 8.0
 """s of CPU: a test that takes longer as it is recorded is not asked."""
 
+DECLARING = ("test_defaults.py", "test_declared_models.py", "test_declared_estimate.py")
+"""Files of tests that hold what is declared as a file is imported, where no test runs its lines."""
+
 NOT_IN = "NOT PUT IN"
 """Of a change that no function can be given."""
 
@@ -236,7 +239,10 @@ class Nearness:
             return far, (0.05 + self.seconds[name]) * self.sizes[file] / (about[file] or 1)
 
         wanted = all_of_it | {n for n in self.seconds if n.partition("::")[0] in files}
-        return sorted(wanted, key=cost)
+        declaring = [n for n in self.seconds if n.partition("::")[0].endswith(DECLARING)]
+        rows = sorted(wanted - set(declaring), key=cost)
+        k = 0 if not near else len(near - set(declaring))
+        return [*rows[:k], *declaring, *rows[k:]]
 
     def asked(self, site: Site, longest: float) -> list[str]:
         """The first of them, as many as so many seconds hold."""
