@@ -10,7 +10,8 @@ import pytest
 from slipctl import BadInput, Input, Output, law
 from slipctl.models.huang_2020.subway_braking import double_exponential
 from slipctl.models.vehicle import Air, Lag, Vehicle
-from slipctl.models.vehicle.parts import DynamicBrake
+from slipctl.models.vehicle.cars import load_transfer, masses_of_axles, wheelset_that_twists
+from slipctl.models.vehicle.parts import Car, DynamicBrake, Torsion
 from slipctl.models.vehicle.plant import motor_limit, on_train, plant
 
 VEHICLE = Vehicle(
@@ -60,3 +61,53 @@ def test_what_is_no_law_of_a_train_is_refused(names):
     block = law(mu=Output("1", "adhesion"))(made["odd"])
     with pytest.raises(BadInput, match=f"odd has the inputs {', '.join(names)}"):
         on_train(block)
+
+
+def test_a_driven_wheelset_has_a_half_of_what_is_left_beside_its_rotor_in_each_wheel():
+    driven = replace(VEHICLE, mode="drive", inertia=130.0, radius=(0.5, 0.4, 0.4),
+                     driven=(2, 3), gravity=9.8)  # fmt: skip
+    assert wheelset_that_twists(driven) is None
+    two = wheelset_that_twists(replace(driven, torsion=Torsion(stiffness=3e6, damping=0.02)))
+    assert (two.inertias, two.stiffness, two.wheels) == ((65, 65), (3e6,), (0, 1))
+    part = Torsion(stiffness=3e6, rotor=30.0, shaft=1e6)
+    three = wheelset_that_twists(replace(driven, torsion=part))
+    assert (three.inertias, three.stiffness) == ((30, 50, 50), (1e6, 3e6))
+    assert (three.wheels, three.damping, two.damping) == ((1, 2), 0.005, 0.02)
+    for one in (two, three):
+        assert (one.load, one.radius) == pytest.approx((40e3 / 3 * 9.8 / 2, 0.4))
+
+
+CAR = Car(mass=40e3, axles=4, bogies=2, wheelbase=2.5, bogie_centres=14.0, length=20.0, height=1.8,
+          pivot_height=0.6, bogie_mass=3e3, bogie_height=0.5, wheelset_mass=1500.0)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "car",
+    [CAR, replace(CAR, bogies=0, axles=2, wheelbase=8.0, bogie_mass=0.0)],
+    ids=["bogies", "axles"],
+)
+def test_load_that_moves_has_the_moment_of_the_inertial_forces(car):
+    """Its sum is 0; about the rail it balances body, bogies and wheelsets at their heights."""
+    radius = 0.46
+    moved, at = np.array(car.moved(radius)), np.array(car.offsets)
+    assert moved.sum() == pytest.approx(0, abs=1e-6)
+    sets, frames = car.axles * car.wheelset_mass, car.bogies * car.bogie_mass
+    moment = (car.total - sets - frames) * car.height + frames * car.bogie_height + sets * radius
+    assert -(moved @ at) == pytest.approx(moment)
+    assert moved[0] > 0  # the first axle is loaded by deceleration
+    assert car.moved(radius)[0] < replace(car, height=2.5).moved(radius)[0]
+    assert replace(car, height=None).moved(radius) == (0.0,) * car.axles
+
+
+def test_what_each_axle_carries_and_gains_stands_in_the_train():
+    alike = masses_of_axles(VEHICLE)
+    assert alike == {"J": 100.0, "m_axle": pytest.approx(40e3 / 3)}
+    cars = replace(VEHICLE, mass=None, places=None, axles=None,
+                   cars=(CAR, replace(CAR, mass=20e3)))  # fmt: skip
+    found = masses_of_axles(cars)
+    each = np.array([10e3] * 4 + [5e3] * 4)
+    assert found["share"] == pytest.approx(each / 60e3)
+    transfer = load_transfer(cars)
+    dN = np.ravel(transfer(a_last=-1.5, a=0.0)[1]["dN"])
+    assert dN == pytest.approx(1.5 * np.array(cars.moved))
+    assert float(transfer(a_last=-1.5, a=0.7)[0]["a_last"]) == 0.7
