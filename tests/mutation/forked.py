@@ -264,7 +264,7 @@ def noticing(
     """The test that notices a change; empty where none does. Without the change it passes."""
     left = list(names)
     while left:
-        limit = 20 + 4 * sum(near.seconds[n] for n in left)
+        limit = 8 + 3 * sum(near.seconds[n] for n in left)
         said = asked_in_a_child(site, [items[n] for n in left], live, limit)
         if said == NOT_IN:
             break
