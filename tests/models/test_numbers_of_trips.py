@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from slipctl import Input, Output, Param, connect, step
-from slipctl.models.vehicle import Constant, DemandAlone, Lag, Stretch, Track, Trip, Vehicle
+from slipctl.models.vehicle import Air, Constant, DemandAlone, Lag, Stretch, Track, Trip, Vehicle
+from slipctl.models.vehicle.air.pneumatics import ATMOSPHERE
 from slipctl.models.vehicle.parts import Davis, Slope, TrackBrake
 from slipctl.models.vehicle.parts.file_keys import with_keys
+from slipctl.models.vehicle.slip.takeover import released_torque, released_valves
+from slipctl.models.vehicle.slip.train_reference import filling_rate
 
 TRIP = Trip(
     duration=6.0,
@@ -19,6 +22,7 @@ TRIP = Trip(
     rail=Track(law="double_exponential", sections=(Stretch(place=0.0, condition="dry"),)),
     controllers={"none": DemandAlone()},
 )  # fmt: skip
+AIR = Air(torque=6e3, pressure=3.8e5, supply=6e5)
 BRAKES = 2 * 20e3 / 0.5 / 20e3
 """Deceleration in m/s^2 that both axles can give."""
 
@@ -68,3 +72,27 @@ def test_a_number_of_the_file_says_where_it_stands_there():
     again = made.swap("law", told.with_params(other=4.0))
     assert again.params["law.K"].source == made.params["law.K"].source
     np.testing.assert_allclose(float(np.ravel(again.param_values()["law.other"])[0]), 4.0)
+
+
+@pytest.mark.parametrize(
+    ("actuator", "rate"),
+    [
+        (Lag(torque=9e3, lag=0.06), 9e3 / 0.06), (Lag(torque=9e3, lag=1e-3), 9e5),
+        # choked flow of (supply + atmosphere), into a pressure of 3.8 bar that is worth 6 kN m
+        (AIR, 6e3 / 3.8e5 * AIR.rates[0] * (6e5 + ATMOSPHERE)),
+    ],
+)  # fmt: skip
+def test_a_torque_rises_no_faster_than_its_actuator_lets_it(actuator, rate):
+    assert filling_rate(replace(TRIP, actuator=actuator)) == pytest.approx(rate)
+
+
+def test_an_axle_that_is_let_go_has_no_torque():
+    free = released_torque.with_params(T_max=500.0)
+    for asked, given in ((-3.0, 0.0), (100.0, 100.0), (900.0, 500.0)):
+        assert float(free(T_slip=asked, free=0)["T_cmd"]) == given
+        assert float(free(T_slip=asked, free=1)["T_cmd"]) == 0
+    for hold in (0, 1):
+        for vent in (0, 1):
+            bits = {"hold_by": hold, "vent_by": vent}
+            assert released_valves(**bits, free=0) == {"hold": hold, "vent": vent}
+            assert released_valves(**bits, free=1) == {"hold": 1, "vent": 1}
