@@ -44,8 +44,6 @@ def whole_periods(values: np.ndarray) -> slice:
 
 def _rises(error: np.ndarray, far: float) -> list[int]:
     """First sample above zero of each swing from ``-far`` to ``far``."""
-    if far == 0:
-        return []
     found: list[int] = []
     side = np.where(error > far, 1, np.where(error < -far, -1, 0))
     swung = np.flatnonzero(side)

@@ -136,3 +136,62 @@ def test_it_is_refused_with_what_is_wanted(what):
     call, words = BAD[what]
     with pytest.raises(BadInput, match=words):
         call()
+
+
+SIGNAL = [
+    (lambda: Input("1", 3), "a signal: doc is a text, not 3"),
+    (lambda: Param("1", 1.0, "k", source=5), "a signal: source is a text, not 5"),
+    (lambda: Input("m/s", "a", positive="up"), "a has no sign convention 'up'"),
+    (lambda: Input("m/s", "a", per="wheel"), "a has no slip convention 'wheel'"),
+    (lambda: Input("1", "a", lo=math.nan), "a: lo is NaN"),
+    (lambda: Input("1", "a", hi=math.nan), "a: hi is NaN"),
+    (lambda: Input("1", "a", lo=2, hi=1), "its range has lo = 2 above hi = 1"),
+    (lambda: Input("1", "a", change=0), "its largest change per tick is 0; give a positive"),
+    (lambda: Input("1", "a", change=math.nan), "a: change is NaN"),
+    (lambda: Input("1", "a", change=1, noise=-1), "noise = -1 is no finite number from 0 on"),
+    (lambda: Input("1", "a", change=1, noise=math.inf), "noise = inf is no finite number"),
+    (lambda: Input("1", "a", noise=1), "noise widens the limit on the change of a tick"),
+    (lambda: Input("1", "a", stale=-1), "stale = -1 must be a whole number >= 0"),
+    (lambda: Input("1", "a", stale=1.5), "stale = 1.5 must be a whole number >= 0"),
+    (lambda: Input("1", "a", shape=(0,)), r"shape \(0,\) has an extent below 1"),
+    (lambda: Input("1", "a", shape=(2.5,)), r"shape \(2.5,\) has an extent below 1"),
+    (lambda: Input("1", "a", shape=[2]), r"shape \[2\] has an extent below 1"),
+    (lambda: Param("1", 1.0, "k", rising=True), r"places of a table have a shape \(n,\)"),
+    (lambda: Param("1", (1.0,), "k", shape=(1,), rising=True), "places of a table have a shape"),
+    (lambda: Param("1", ((1.0, 2.0), (3.0, 4.0)), "k", shape=(2, 2), rising=True),
+     "places of a table have a shape"),
+    (lambda: Param("1", (1.0, 1.0), "k", shape=(2,), rising=True), "k goes from 1 to 1 1; the"),
+    (lambda: Param("1", (0.0, 3.0, 2.0), "k", shape=(3,), rising=True), "k goes from 3 to 2 1"),
+    (lambda: Param("1", math.nan, "k"), "k is NaN; give a number in"),
+    (lambda: Param("1", math.inf, "k"), "k is infinite; give a number in"),
+    (lambda: Param("1", 1.5, "k", lo=0, hi=1).named("k").check("k", 1.5),
+     r"k = 1.5 is out of range; it must lie in \[0, 1\]"),
+    (lambda: Param("m", (1.0, 9.0, -3.0), "k", shape=(3,), lo=0, hi=1).check("k", (1.0, 9.0, -3.0)),
+     r"k = 9 m is out of range; it must lie in \[0, 1\] m"),
+    (lambda: line.expr({}, {"a": "one"}, {"k": 1.0}), "the input 'a' is no expression"),
+    (lambda: line.expr({}, {}, {"k": 1.0}), "the input 'a' is no expression"),
+    (lambda: line.expr({}, {"a": 1.0}, {"k": None}), "the param 'k' is no expression"),
+    (lambda: line.expr({}, 3, {"k": 1.0}), "give each input by name"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("made", "said"), SIGNAL)
+def test_a_signal_that_means_nothing_is_refused(made, said):
+    with pytest.raises(BadInput, match=said):
+        made()
+
+
+def test_what_breaks_in_a_body_is_told_as_it_is():
+    def breaks(x, u, p):
+        raise TypeError("of the body")
+
+    with pytest.raises(TypeError, match="of the body"):
+        block(body=breaks).expr({}, {"a": 1.0}, {})
+
+
+def test_a_long_expression_is_quoted_in_short():
+    text = " + ".join(["zz"] * 60)
+    with pytest.raises(BadInput) as refused:
+        evaluate(text, {}, "here")
+    assert "..." in str(refused.value)
+    assert len(str(refused.value)) < 110

@@ -10,6 +10,7 @@ import pytest
 
 from slipctl import BadInput, from_text
 from slipctl.block.reach import reach_text, slip_input
+from slipctl.block.text.equations import _lines
 from slipctl.errors import Faults
 from slipctl.study.files import equation_files
 
@@ -223,3 +224,18 @@ def test_a_law_without_slip_has_no_reach():
 def test_a_text_that_is_no_toml_is_told_with_its_line(text: str, said: str) -> None:
     with pytest.raises(BadInput, match=said):
         equation_files.content_of_text("my.toml", text)
+
+
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [
+        ("a = 1\nb = 2", [(1, "a = 1"), (2, "b = 2")]),
+        ("a = 1; b = 2", [(1, "a = 1"), (1, "b = 2")]),
+        ("a = 1 # (b; c = 3\nd = 4", [(1, "a = 1"), (2, "d = 4")]),
+        ("a = f(1,\n 2)\nb = [1,\n\n 2]", [(1, "a = f(1,  2)"), (3, "b = [1,   2]")]),
+        ("a = (1 # ))\n + 2); b = 3", [(1, "a = (1       + 2)"), (2, "b = 3")]),
+    ],
+)
+def test_comments_end_with_their_line_and_open_brackets_join_lines(text, lines):
+    found = [(line, " ".join(said.split())) for line, _, said in _lines(text) if said.strip()]
+    assert found == [(line, " ".join(said.split())) for line, said in lines]

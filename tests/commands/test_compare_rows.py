@@ -114,3 +114,38 @@ def test_sides_of_which_some_runs_alone_reach_a_metric_differ():
         compare._row([*sides, sides[1]], ["s/x"] * 3, "m")]}))  # fmt: skip
     assert "never (never .. never), 3 never" in told
     assert "-inf" in told
+
+
+def test_sides_have_a_letter_each_and_beyond_z_a_number():
+    sides = [Side(f"run{k}", state="stopped" if k == 1 else "") for k in range(28)]
+    changed = [{"what": f"p{k}", "unit": "m", "values": ["1"] * 28} for k in range(compare.LISTED)]
+    said = compare.text(sides, changed, {})
+    lines = said.splitlines()
+    assert lines[:2] == ["A  run0", "B  run1 (stopped)"]
+    assert lines[25:28] == ["Z  run25", "27  run26", "28  run27"]
+    assert "more; --json has all" not in said
+    more = compare.text(sides, [*changed, changed[0], changed[0]], {})
+    assert "2 more; --json has all" in more
+    assert "only metrics differ" in compare.text(sides, [], {})
+
+
+@pytest.mark.parametrize("many", [2, 3])
+def test_every_table_of_metrics_has_its_rows_and_differences(many):
+    """Two sides have their difference beside them, more have a table of what differs."""
+    names = list("ABC"[:many])
+    sides = [Side(n, metrics={"s/x": {"m": np.array([2.0 + k]), "same": np.array([7.0])}},
+                  units={"m": "s", "same": "m"}) for k, n in enumerate(names)]  # fmt: skip
+    rows = [compare._row(sides, ["s/x"] * many, m) for m in ("m", "same")]
+    parts = compare.metric_tables(names, {"first": rows, "second": rows[:1]})
+    said = [[" ".join(line.split()) for line in part.splitlines()] for part in parts]
+    if many == 2:
+        assert [s[0] for s in said] == ["first unit A B B - A", "second unit A B B - A"]
+        assert any(line.startswith("m s 2 3 ") for line in said[0])
+        assert any(line.startswith("same m 7 7") for line in said[0])
+    else:
+        heads = ["first unit A B C", "difference unit B - A C - A"]
+        assert [s[0] for s in said] == [*heads, "second unit A B C", heads[1]]
+        assert any(line == "m s 2 3 4" for line in said[0])
+        assert any(line.startswith(("m s 1 2", "m s +1 +2")) for line in said[1])
+        assert not any(line.startswith("same") for line in said[1])
+    assert not any("median" in line or "never" in line for s in said for line in s)

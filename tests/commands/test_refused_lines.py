@@ -26,6 +26,27 @@ REPLAY = ["replay", "none.csv", "--with", LAW, *OUT]
 LINES: list[tuple[list[str], str]] = [
     (["c", LAW, "--out="], "--out names no folder; write one, or . for the current"),
     (["c", LAW, *OUT, "--fuzz", "0"], "--fuzz 0 gives it no time"),
+    (
+        ["c", "subway_braking:sta.ctl", "--part", "ctl", *OUT],
+        "a part, and --part ctl another",
+    ),
+    (["run", "subway_braking:sta"], "run takes a study; write slipctl run subway_braking --loop"),
+    (["sweep", "subway_braking:sta", "--out", ""], "--out names no folder; write one"),
+    (["sweep", *OUT], "say what to run: slipctl sweep STUDY:LOOP"),
+    (["sweep", "gain_bounds", "--export", "x.nc", *OUT], "--export writes one loop; name it"),
+    (["tune", *OUT], "say what to tune: slipctl tune STUDY:LOOP"),
+    (["tune", "subway_braking:sta", *OUT], "--minimise names no metric; write one"),
+    (
+        ["tune", "subway_braking:sta", "--minimise", "distance", "--out", ""],
+        "--out names no folder",
+    ),
+    (
+        ["tune", "gain_bounds:sta", "--minimise", "distance", "--free", "ctl.law.k1=1:2", *OUT],
+        "gain_bounds declares no ensemble for sta in scenario base",
+    ),
+    (["replay", "none.csv", "--with", "subway_braking:sta", *OUT], "is a whole loop; write which"),
+    (["open", "--port", "70000"], "--port 70000 is no port"),
+    (["open", "--port", "-1"], "--port -1 is no port"),
     (["c", LAW, *OUT, "--set", "k=1"], "is no loop and has no --set"),
     (["c", LAW, *OUT, "--part", "ctl"], "is no loop and has no --part ctl"),
     (["c", LAW, *OUT, "--clock", "8MHz"], "--clock 8MHz is that of a processor"),

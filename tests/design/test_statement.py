@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import json
+import math
+import re
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,7 @@ from slipctl.commands.cli import main
 from slipctl.design import page, statement
 from slipctl.design.gain_search import FIRST_PROOF
 from slipctl.errors import BadInput
+from slipctl.run.sweep.ensemble import Ensemble
 
 
 @pytest.fixture(autouse=True)
@@ -165,3 +168,79 @@ def test_1375_draws_say_99_percent(monkeypatch: pytest.MonkeyPatch) -> None:
     beyond["share"] = str(tail)  # more than its draws prove
     with pytest.raises(DoesNotHold, match="do not prove the share 99/100"):
         statement.check(found)
+
+
+# ---- a statement by hand -------------------------------------------------------------------------
+
+
+def by_hand(**changes: Any) -> dict[str, Any]:
+    """Ten draws of which one is lost, and a limit that two of them are beyond."""
+    seen = [0.1 * k for k in range(1, 11)]
+    ensemble = Ensemble(draw={"m": "1 t:2 t"})
+    claim = {
+        "text": "x <= .85", "metric": "x", "upper": True, "limit": (0.85).hex(), "unit": "m/s",
+        "wanted": "1/5", "violations": 2,
+        "share": str(1 - binomial.largest_share(10, 2, Fraction(1, 10))),
+        "values": [v.hex() for v in seen],
+    }  # fmt: skip
+    return {
+        "ensemble": ensemble.told(), "hash": ensemble.hash, "scenario": "base", "seed": 3,
+        "attempt": 1, "draws": 10, "objective": "x", "unit": "m/s",
+        "values": [*(v.hex() for v in seen[:-1]), math.inf.hex()],
+        "claims": [claim | changes.pop("claim", {})],
+    } | changes  # fmt: skip
+
+
+def test_a_statement_counts_its_draws() -> None:
+    value, limit = statement.check(by_hand())
+    assert (value.draws, value.violations, limit.draws, limit.violations) == (10, 1, 10, 2)
+    # largest p that one of ten, or two, would still allow with a tenth: the binomial tail
+    for claim in (value, limit):
+        p = 1 - float(claim.share)
+        tail = sum(math.comb(10, k) * p**k * (1 - p) ** (10 - k)
+                   for k in range(claim.violations + 1))  # fmt: skip
+        assert tail == pytest.approx(0.1, rel=1e-3)
+    assert (value.text, limit.wanted) == ("x has a value", Fraction(1, 5))
+    assert not value.reached or value.share >= statement.SHARE
+    whole = by_hand(values=[(0.125 * k).hex() for k in range(10)], unit="1")
+    assert statement.check(whole)[0].text == "x <= 1.125"
+    line = statement.lines(by_hand())[1]
+    assert line.startswith("x <= 0.8")
+    assert "2 of 10 fresh draws are beyond" in line
+    assert f"(ensemble {by_hand()['hash'][:16]}, seed 3, attempt 1)" in line
+    below = {"upper": False, "limit": (0.25).hex()}
+    assert statement.check(by_hand(claim=below))[1].text.startswith("x >= 0.25")
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"hash": "0" * 64}, "the hash is not that of the ensemble"),
+        ({"claim": {"violations": 1}}, "1 violations are not what its draws show"),
+        ({"claim": {"share": "99/100"}}, "do not prove the share 99/100"),
+        ({"claim": {"share": "-1"}}, "do not prove the share -1"),
+        ({"values": [1.0] * 10}, "'1.0' is no number as a hexadecimal text"),
+        ({"values": ["0" * 41] * 10}, "is no number as a hexadecimal text"),
+        ({"values": ["one"] * 10}, "'one' is no number as a hexadecimal text"),
+        ({"values": ["0x1p99999"] * 10}, "is no number as a hexadecimal text"),
+        ({"values": ["nan"] * 10}, "a number in it is nan"),
+        ({"values": ["0x1p0"] * 9}, "statistical.values"),
+        ({"attempt": 0}, "statistical.attempt"),
+        ({"attempt": 1001}, "statistical.attempt"),
+        ({"seed": -1}, "statistical.seed"),
+        ({"draws": 0}, "statistical.draws"),
+    ],
+)
+def test_a_statement_that_its_draws_do_not_show_is_refused(changes: Any, said: str) -> None:
+    with pytest.raises((DoesNotHold, BadInput), match=re.escape(said)):
+        statement.check(by_hand(**changes))
+
+
+@pytest.mark.parametrize("value", ["1/3", "2/3", "123456.7", "1/7000000", "12345678", "9999999.9"])
+def test_a_number_of_a_statement_is_rounded_to_its_side(value: str) -> None:
+    exact = Fraction(value)
+    low, high = Fraction(statement._down(exact)), Fraction(statement._up(exact))
+    assert low <= exact <= high
+    assert high - low <= exact / 10**5
+    assert statement.level(4) == statement.BETA / 4
+    assert statement.error_chance(3) == statement.BETA * Fraction(11, 6)

@@ -434,3 +434,16 @@ def test_a_search_may_run_250_times_for_each_number_and_objective(
     several = isinstance(goals, list)
     kind = "FrontSearch" if several else "Search"
     assert seen == [(kind, wanted, len(free), len(goals) if several else 1)]
+
+
+@pytest.mark.parametrize(
+    ("number", "said"),
+    [
+        ({"runs": 0}, "--runs"), ({"runs": 2.5}, "--runs"), ({"samples": 3}, "--samples"),
+        ({"samples": 10_001}, "--samples"), ({"seed": -1}, "--seed"), ({"held_out": 1}, "held-out"),
+        ({"jobs": -1}, "--jobs"), ({"loop": 3}, "tune: the loop"),
+    ],
+)  # fmt: skip
+def test_a_number_that_no_search_can_have_is_refused_before_it_runs(number, said) -> None:
+    with pytest.raises(BadInput, match=said):
+        tuned(**number)

@@ -421,3 +421,56 @@ def test_no_gradient_and_no_wrong_mass_looks_like_calls_too_seldom(slope):
     car.v = np.maximum(18.0 - 1.25 * (18.0 - car.v) - slope * H * np.arange(car.ticks), 0.0)
     car.omega = np.repeat(car.v[:, None], 4, axis=1) / R
     assert car.judged(start=18.0)["paced"].all()
+
+
+def _commanded(mode, driven, x, u, p):
+    """Next states and command of one axle, from what is promised of them, in plain Python."""
+    top = min(max(u["T_demand"], 0), p["T_max"])
+    held = x["back"] <= 0 and u["retry"] < 0.5
+    relied = u["ready"] > 0.5 and u["sound"] > 0.5 and held and u["v"] >= p["v_off"]
+    if relied:
+        wanted = 0.0 if u["test"] > 0.5 else min(u["T_slip"], top)
+    elif mode == "demand" or (u["ready"] > 0.5 and (held or not driven)):
+        wanted = top
+    else:
+        wanted = min(x["T_h"] if mode == "hold" else float(mode), top)
+    slowly = (not relied or x["slow"] > 0.5) and u["on"] < 0.5
+    gets = min(wanted, x["T_h"] + p["rate"] * p["T_max"] * p["T"]) if slowly else wanted
+    low = gets < 0.1 * top or gets < x["T_h"]
+    lets = relied and u["on"] > 0.5 and top > 0.02 * p["T_max"] and low
+    time = x["let_go"] + p["T"] if lets else 0.0
+    longest = min(p["limit"], p["limit_still"]) if u["stands"] > 0.5 else p["limit"]
+    over = time >= longest
+    after = {
+        "T_h": gets, "let_go": 0.0 if over else min(time, p["limit"]),
+        "back": p["again"] if over else max(x["back"] - p["T"], 0.0),
+        "slow": float(slowly and wanted > gets),
+    }  # fmt: skip
+    return after, {"T_cmd": gets, "released": float(not held)}
+
+
+@pytest.mark.parametrize("driven", [False, True])
+@pytest.mark.parametrize("mode", ["demand", "hold", 700.0])
+def test_a_command_is_what_is_promised_of_it(mode, driven):
+    """Random states and inputs, many of them at the edge of a condition."""
+    block = safe_command(mode, driven).with_params(T_max=1000.0, T=0.01)
+    p, rng = {k: float(v) for k, v in block.param_values().items()}, np.random.default_rng(8)
+    for _ in range(300):
+        bits = {k: float(rng.random() < 0.7) for k in ("ready", "sound")}
+        bits |= {k: float(rng.random() < 0.3) for k in ("retry", "test", "stands")}
+        top = rng.choice([0.0, 19.0, 21.0, 1200.0, rng.uniform(0, 1000)])
+        x = {
+            "T_h": rng.choice([0.0, rng.uniform(0, 1000), 0.09 * top]),
+            "let_go": rng.choice([0.0, 2.985, 2.995, 9.985, 9.995, rng.uniform(0, 10)]),
+            "back": rng.choice([0.0, 0.0, 0.005, 0.5]), "slow": float(rng.random() < 0.5),
+        }  # fmt: skip
+        share = rng.choice([0.09, 0.105, 0.11, 0.5, 1.0, 1.2])
+        u = bits | {
+            "T_demand": top, "T_slip": share * top, "on": float(rng.random() < 0.6),
+            "v": rng.choice([0.99, 1.0, 1.05, 20.0]),
+        }  # fmt: skip
+        x_next, y = block.f(block.pack("state", x), block.pack("input", u), block.pack("param", p))
+        after, said = _commanded(mode, driven, x, u, p)
+        for found, wanted in ((block.unpack("state", x_next), after),
+                              (block.unpack("output", y), said)):  # fmt: skip
+            assert {k: float(v) for k, v in found.items()} == pytest.approx(wanted, abs=1e-12)

@@ -92,13 +92,14 @@ def files(tmp_path_factory):
 def run(part, **changes):
     made = replace(TRIP, controllers={"own": part}, **changes)
     found = case(made)
-    return simulate(found.loops["own"], found.scenario,
-                    log=["plant.train.x", "plant.T", "slip.y"])  # fmt: skip
+    return simulate(found.loops["own"], found.scenario, log=["plant.train.x", "plant.T", "slip.y"],
+                    compile=made.duration > 1)  # fmt: skip
 
 
-@pytest.mark.long
-def test_the_machine_of_industry_as_ones_own_runs_to_the_bit(files):
-    own, told = run(OwnLaw(block=f"{files}/mine.py:machine")), run(SlideProtection())
+@pytest.mark.parametrize("seconds", [0.6, pytest.param(6.0, marks=pytest.mark.long)])
+def test_the_machine_of_industry_as_ones_own_runs_to_the_bit(files, seconds):
+    parts = OwnLaw(block=f"{files}/mine.py:machine"), SlideProtection()
+    own, told = (run(part, duration=seconds) for part in parts)
     for name in ("plant.train.x", "plant.T", "slip.y"):
         assert np.array_equal(own[name].values, told[name].values), name
     assert own["plant.T"].values.min() < 0.5 * own["plant.T"].values.max()  # it has vented
@@ -132,6 +133,14 @@ def test_its_c_is_made_and_compiled(files, tmp_path):
     module = c_module(loop[asked.controller], tmp_path, "ctl", period=loop.period)
     assert module.load().instance_bytes > 0
     assert "own" in asked.certificates.uncertified
+
+
+def test_bits_and_states_are_whole_and_what_is_no_number_fills():
+    for given, bit, state in ((0, 0, 0), (0.49, 0, 0), (0.51, 1, 1), (1.49, 1, 1), (1.51, 1, 2),
+                              (7, 1, 2), (-3, 0, 0), (np.nan, 0, 0)):  # fmt: skip
+        assert whole_bits(hold_by=given, vent_by=0) == {"hold": bit, "vent": 0}
+        assert whole_bits(hold_by=0, vent_by=given) == {"hold": 0, "vent": bit}
+        assert whole_state(state_by=given)["state"] == state
 
 
 @pytest.mark.parametrize(

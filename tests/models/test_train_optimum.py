@@ -112,6 +112,25 @@ def test_no_start_of_a_search_finds_better_and_some_end_worse():
 
 # ---- whole stops ---------------------------------------------------------------------------------
 
+
+@pytest.mark.parametrize("more", [{}, {"stretches": ((3.0, 9.0),)}, {"t_gamma": 500.0}])
+def test_a_short_stop_is_best_by_the_optimum_then_the_program_then_each_axle(more):
+    """From 4 m/s; the law of one axle with the strength known is as good as the program."""
+    t = train((0.0, 2.0, 8.0), 1.8e-4, **more)
+    greedy, by_program, law = (
+        stop(t, rule, 4.0, 0.25).distance
+        for rule in (Rule(t, True, 5.0), Rule(t, False, 5.0), LocalRule(t, fastest=5.0))
+    )
+    best = best_stop(t, 4.0, 1.0, 0.25)
+    assert best.by_program == by_program
+    assert 0.99 * by_program < best.distance < by_program < greedy
+    assert law == pytest.approx(by_program, rel=2e-3)
+    assert best.run.distance == best.distance
+    assert (N * best.run.f * best.run.e).max() <= t.t_gamma * 1.01  # held over a mesh
+    if not more:
+        assert by_program < 0.9 * greedy
+
+
 SAVED = {(4, 3.4e-5): 0.4, (4, 1.8e-4): 16, (8, 3.4e-5): 4, (8, 1e-4): 21, (8, 1.8e-4): 34}
 """Percent by which the optimum is shorter than greedy, by axles and cleaning: practice_cases."""
 

@@ -5,6 +5,7 @@ from math import sqrt
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from slipctl import BadInput, simulate
 from slipctl.models.vehicle import case
@@ -85,6 +86,59 @@ def test_a_mode_grows_beyond_the_critical_fall_and_not_before(inertias, share, g
     torque, _ = swung(one_axle(wheelset, 1500.0), low, 4000, kick=1e-4)
     early, late = np.ptp(torque[1000:1600]), np.ptp(torque[3400:])
     assert (late > early) == grows
+
+
+def test_a_tick_is_the_differential_equation_of_each_driven_axle():
+    """Random swings of two of three axles, each with its own load, radius, slip and torque."""
+    wheelset = Wheelset((700.0, 190.0, 150.0), (2.2e6, K), (1, 2), LOAD, RADIUS, 0.02)
+    axles = Axles((1, 1, 1), (0.0, 3.0, 6.0), (True, False, True))
+    law_ = law_on_two_wheels(falling_creep)
+    train = rolling(law_, axles, 1e-3, apart=("r", "dN"), standing=True)
+    r, load, J = np.array([0.6, 0.62, 0.5]), np.array([2e5, 1.9e5, 1.5e5]), wheelset.inertias
+    curve = {f"adh.{k}": value for k, value in (CURVE | {"c": 1500.0}).items()}
+    block = train_that_twists(train, wheelset, (0, 2)).with_params(
+        m=1e8, m_axle=1e4, g=9.81, J=1e3, r=r, B_t=0.0, v=SPEED, **curve
+    )
+    K_, C = wheelset.stiffness_matrix, damping_matrix(wheelset)
+    law = falling_creep.with_params(**CURVE, c=1500.0)
+    slips = np.linspace(-1, 14, 601)
+    curve_of = np.array([float(law(v_s=s, v=SPEED)["mu"]) for s in slips])
+    rng, start = np.random.default_rng(4), block.start()
+    slip, T, moved = np.array([0.4, 1.0, 2.5]), np.array([4e3, 9e3]), []
+    for _ in range(3):
+        angle, rate = rng.normal(0, 2e-3, (2, 3)), rng.normal(0, 1.0, (2, 3))
+        for x in (angle, rate):  # about the mean
+            x -= (x @ np.array(J) / sum(J))[:, None]
+        x = start | {"omega": (SPEED + slip) / r, "angle": angle.ravel(), "rate": rate.ravel()}
+        u = {"T": T, "T_b": 0.0, "F_d": 0.0, "dN": load - 9.81e4}
+        after, y = block.f(block.pack("state", x), block.pack("input", u),
+                           block.pack("param", block.param_values()))  # fmt: skip
+        after, y = block.unpack("state", after), block.unpack("output", y)
+        for k, axle in enumerate((0, 2)):
+
+            def motion(t, z, k=k, axle=axle):
+                mu = np.interp(slip[axle] + r[axle] * z[4:], slips, curve_of)
+                force = -K_ @ z[:3] - C @ z[3:]
+                force[0] += T[k]
+                force[1:] -= r[axle] * load[axle] / 2 * mu
+                return np.concatenate([z[3:], force / J - force.sum() / sum(J)])
+
+            begin = np.concatenate([angle[k], rate[k]])
+            exact = solve_ivp(motion, (0, 1e-3), begin, rtol=1e-8, atol=1e-10).y[:, -1]
+            got = np.concatenate(
+                [np.array(after[n]).ravel()[3 * k : 3 * k + 3] for n in ("angle", "rate")]
+            )
+            # steps of first order, a tick is 11; angles change by 1e-3 and rates by 0.1 and more
+            assert got[:3] == pytest.approx(exact[:3], abs=4e-5)
+            assert got[3:] == pytest.approx(exact[3:], abs=8e-3)
+            moved.append(np.abs(exact - begin)[3:].max())
+            wheels = slip[axle] + r[axle] * rate[k, 1:]
+            mean = sum(float(law(v_s=s, v=SPEED)["mu"]) for s in wheels) / 2
+            assert float(y["mu"][axle]) == pytest.approx(mean, abs=2e-3)  # at the end of the tick
+            assert float(y["torsion"][k]) == pytest.approx(K * (angle[k, 1] - angle[k, 2]))
+        turning = (SPEED + slip[[0, 2]]) / r[[0, 2]] + rate[:, 1]
+        assert np.array(y["omega_d"]).ravel() == pytest.approx(turning)
+    assert max(moved) > 0.1
 
 
 def test_the_damping_of_each_mode_is_its_ratio():

@@ -1,6 +1,7 @@
 """Certificates of a vehicle of one's own: their bounds against its equations in plain NumPy."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -192,3 +193,127 @@ def test_a_draw_of_one_number_is_no_range(tmp_path):
     assert "342 t" in text
     with pytest.raises(BadInput, match=r"ensemble\.draw\.m"):
         study_of_text("metro.toml", text).cases(None, False)
+
+
+def of_file(folder, name="own.toml", text=None, **choices):
+    """What is asked about each controller: its numbers, and what half of each range leaves."""
+    path = written(folder, **choices)
+    if text:
+        old, new = text
+        told = (folder / "own.toml").read_text(encoding="utf-8")
+        assert old in told
+        (folder / "own.toml").write_text(told.replace(old, new), encoding="utf-8")
+    trip = trip_files.load_trip(path)
+    return trip, {g.name: g for g in asked.gains(trip)}
+
+
+SYSTEMS = {
+    "sta": ("super_twisting", {"k1": 20, "k2": 10}, {"lag": 0.06, "dead": 0.02}),
+    "smc": ("reaching_law", {}, {"lag": 0.06}),
+    "eppfc": ("prescribed_performance", {}, {"lag": 0.06, "dead": 0.02}),
+    "efc": ("lagged_loop", {}, {"lag": 0.06}),
+    "hosm": ("higher_order", {}, None),
+}
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_a_law_is_asked_with_its_own_gains_and_the_bounds_of_its_tube(tmp_path, name):
+    trip, found = of_file(tmp_path)
+    system, gains, late = SYSTEMS[name]
+    own = loop(trip, name)
+    over, _ = asked.ranges(trip)
+    met = asked.slip_law_bounds(trip, own, over, trip.reference)
+    prompt = found[name if late is None else f"{name}_prompt"]
+    n, law = prompt.numbers(own), {k.removeprefix("ctl.law.law."): float(np.max(v))
+                                   for k, v in own.values_by_place().items()}  # fmt: skip
+    assert prompt.system == system
+    assert prompt.loop == name
+    if late is not None:
+        assert found[name].numbers(own) == n | late
+    assert n.items() >= gains.items()
+    if "T" in n:
+        assert n["T"] == trip.control.period
+    if name == "sta":
+        # |x2| <= k1 sqrt(tube) in it, so |s'| <= 2 k1 sqrt(tube)
+        assert n["L"] == pytest.approx(met.slope * 40 * met.tube**0.5 + met.drift)
+        assert n["band"] == met.tube
+    elif name == "smc":
+        assert (n["g1"], n["g2"]) == (law["g1"], law["g2"])
+        assert (n["D"], n["band"]) == (met.steady + met.wrong, met.tube)
+    elif name == "efc":
+        assert n == {"K": law["K"], "T": trip.control.period}
+    elif name == "hosm":
+        fastest = 2 * law["k_4"] * (met.tube**0.5 + met.tube)
+        assert n == {"k4": law["k_4"], "alpha": law["alpha"], "beta": law["beta"],
+                     "eta": pytest.approx(met.slope * fastest + met.drift)}  # fmt: skip
+    else:  # the tube is the steady funnel, in slip ratio
+        width = max(law["delta_l"], law["delta_u"]) * law["eta_inf"] * 60 / 3.6
+        narrow = replace(over, tube=over.tube * width / met.tube)
+        own_met = asked.slip_law_bounds(trip, own, narrow, trip.reference)
+        assert own_met.tube == pytest.approx(width, rel=0.02)
+        assert n["W"] == pytest.approx(own_met.largest * 3.6 / 60)
+
+
+def test_half_a_range_leaves_of_a_bound_what_a_file_with_it_says(tmp_path):
+    trip, found = of_file(tmp_path)
+    own = loop(trip, "sta")
+    whole, left = found["sta"].numbers(own)["L"], found["sta"].costs(own)
+    halves = {
+        "m": ('"34 t:42 t"', '"36 t:40 t"'), "c": ("0.8:1.2 of", "0.9:1.1 of"),
+        "tube": ("[ensemble]", "[certify]\ntube = 0.025\n[ensemble]"),
+    }  # fmt: skip
+    assert set(left) == set(halves)
+    for name, text in halves.items():
+        other, narrow = of_file(tmp_path, text=text)
+        share = narrow["sta"].numbers(loop(other, "sta"))["L"] / whole
+        assert left[name] == pytest.approx(share, rel=asked.COARSE)
+        assert 0 < left[name] < 1
+    assert set(found["eppfc"].costs(loop(trip, "eppfc"))) == {"m", "c"}  # its tube is its funnel
+    assert found["efc"].costs is None
+
+
+@pytest.mark.parametrize(
+    ("ensemble", "says"),
+    [('draw = { m = "34 t" }', "ensemble.draw.m"), ('draw = { m = "1 t:2 t:3 t" }', "no range"),
+     ('scale = { peak = "1.2" }', "ensemble.scale.peak")],
+)  # fmt: skip
+def test_what_is_no_range_is_refused_at_its_key(tmp_path, ensemble, says):
+    with pytest.raises(BadInput, match=says):
+        of_file(tmp_path, ensemble=f"[ensemble]\n{ensemble}")
+
+
+def test_ranges_are_those_of_the_ensemble_and_what_no_bound_hears_is_told(tmp_path):
+    draws = """[ensemble]
+draw = { "plant.train.m" = "34 t:42 t", v = "50 km/h:60 km/h" }
+scale = { peak = "0.8:1.2 of plant.train.adh.c, rail.c", lag = "0.5:2 of tau" }
+"""
+    trip, _ = of_file(tmp_path, ensemble=draws)
+    over, left = asked.ranges(trip)
+    assert over.numbers == {"m": (34e3, 42e3)}
+    assert over.scale == {"c": (0.8, 1.2)}
+    assert over.together == (("c",),)
+    assert (over.untold, over.speed) == (True, pytest.approx(60 / 3.6))
+    assert left == ("v", "tau")
+    assert not asked.ranges(of_file(tmp_path)[0])[0].untold
+
+
+def test_the_words_say_over_what_a_bound_is(tmp_path):
+    _, found = of_file(tmp_path)
+    said = found["sta"].bounds
+    assert "within 5% of the best one of each rail condition" in said
+    assert "at 60 km/h" in said
+    assert "over the ensemble's m, c" in said
+    assert "lag and dead time of the actuator" in said
+    assert "never late" in found["sta_prompt"].bounds
+    assert "steady funnel" in found["eppfc"].bounds
+    assert "its dead time left out" in found["smc"].bounds
+    _, found = of_file(tmp_path, reference=MEASURED, ensemble="")
+    assert "of the reference" in found["sta"].bounds
+    assert "measured over a window" in found["sta"].bounds
+    assert "ensemble" not in found["sta"].bounds
+
+
+def test_what_has_no_certificate_says_why(tmp_path):
+    trip, found = of_file(tmp_path)
+    assert asked.reasons_without_certificate(trip) == {"predictive": asked.NONE["nmpc"]}
+    assert not [g for g in found.values() if g.loop in ("pid", "predictive")]

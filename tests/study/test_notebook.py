@@ -46,7 +46,10 @@ SHOWN = {
     "law": (lambda: double_exponential, ("<math", "<img", "slip speed")),
     "part": (lambda: davis, ("<math", "F_R")),
     "rail": (lambda: RAIL, ("from [s]", "2.5", "wet", "v_opt = 1.25")),
-    "scenario": (lambda: Scenario("short", 3.0, RAIL, doc="a test"), ("short", "3 s", "a test")),
+    "scenario": (
+        lambda: Scenario("short", 3.0, RAIL, doc="a test", params={"k": 2.5}),
+        ("short", "3 s", "a test", "v_opt = 1.25", "<td>k", "2.5"),
+    ),
     "study": (lambda: load_study("predictive"), ("predictive", "nmpc", "car")),
     "loops": (
         lambda: load_study("hst_braking").cases(load_study("hst_braking").models, True)[0].loops,

@@ -178,3 +178,38 @@ def test_why_a_column_cannot_be_read_is_told_with_row_and_cell():
     assert "'1.2.3' in line 11 is no number" in told(["1", "1.2.3", "4"])
     assert "'1.234' in line 11 may be 1.234 or 1234" in told(["2", "1.234"])
     assert "has no decimal mark ','" in told(["12.5", "2"], ",")
+
+
+@pytest.mark.parametrize(
+    ("cells", "row"),
+    [(["1.234,5", "1,234.5", "12,345.67"], 1), (["1.5", "2.25", "1.234,5", "1,2,3,4"], 2)],
+)
+def test_the_first_cell_that_contradicts_those_before_is_told(cells, row):
+    clash = column_of(cells).clash
+    assert clash is not None
+    assert row in clash
+
+
+@pytest.mark.parametrize(
+    ("cells", "told", "elsewhere", "parted_by", "found"),
+    [
+        (["1,5"], ".", "", ";", None), (["1,5"], ",", "", ";", ","),
+        (["1,5", "2,25"], "", "", ";", ","), (["1.5"], "", "", ",", "."),
+        (["1.234"], "", "", ";", None), (["1.234"], "", ".", ";", "."),
+        (["1.234"], "", "", ",", "."), (["1.234"], "", ",", ",", None),
+        (["1,234"], "", ",", ";", ","), (["1,234", "12"], "", "", ";", None),
+        (["1.240", "12"], "", ",", ";", ","), (["1.240", "1234"], "", ",", ";", None),
+        (["1.240", "12"], "", ".", ";", None),
+    ],
+)  # fmt: skip
+def test_the_decimal_mark_of_a_column_is_told_or_found(cells, told, elsewhere, parted_by, found):
+    reading = marks_of_column(column_of(cells), told, list(elsewhere), parted_by)
+    assert (reading and reading[0]) == found
+
+
+@pytest.mark.parametrize("coding", ["utf-16-le", "utf-16-be", "utf-8"])
+def test_letters_of_two_bytes_are_told_by_the_begin_of_a_file(coding, tmp_path: Path):
+    """Whatever letters come later, of which a half may be zero too."""
+    text = "time,v\n" + "1,2\n" * 1200 + "一ā,3\n"
+    (tmp_path / "log.csv").write_bytes(text.encode(coding))
+    assert text_of(tmp_path / "log.csv") == (text, coding)

@@ -99,3 +99,30 @@ def test_a_unit_that_the_times_contradict_is_refused(tmp_path: Path) -> None:
         times(tmp_path, ms)
     slow = rows([100 * k for k in range(4)], V, head="time [s];v")
     assert any("goes on by 100 s from row to row" in n for n in times(tmp_path, slow)[2])
+
+
+BESIDE_A_LIMIT = [
+    (0, 9.9, "read in s,"), (0, 10.1, ""), (0, 1.1e-5, "read in s,"), (0, 0.9e-5, ""),
+    (36_400, 5e-5, "read in s,"), (36_600, 5e-5, "in days"), (54_900, 5e-5, "in days"),
+    (55_100, 5e-5, "read in s,"), (40_000, 0.9e-4, "in days"), (40_000, 1.1e-4, "read in s,"),
+    (40_000, 1e-9, ""), (0.89e9, 1, "read in s,"), (0.91e9, 1, "in s since 1970"),
+    (2.49e9, 1, "in s since 1970"), (2.51e9, 1, "read in s,"), (0.91e12, 9e3, "in ms since 1970"),
+    (0.91e12, 11e3, ""), (0.91e15, 1e3, "in us since 1970"), (0.91e18, 1e6, "in ns since 1970"),
+]  # fmt: skip
+"""First time, step, and how both are read without a unit; empty where they are refused."""
+
+
+@pytest.mark.parametrize(("first", "step", "said"), BESIDE_A_LIMIT)
+def test_a_time_without_a_unit_is_read_as_first_and_step_allow(first, step, said, tmp_path):
+    size = {"days": 86400, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+    factor = next((f for u, f in size.items() if f"in {u}" in said), 1)
+    stamps = [f"{int(first) + k * int(step)}" if step > 99 else f"{float(first + k * step)!r}"
+              for k in range(4)]  # fmt: skip
+    text = rows(stamps, V, head="time;v")
+    if not said:
+        with pytest.raises(BadInput, match="has no unit, and s would be"):
+            times(tmp_path, text)
+        return
+    found, _, notes = times(tmp_path, text)
+    assert any(said in line for line in notes), notes
+    assert found == pytest.approx(factor * step * np.arange(4), rel=0.02)

@@ -1,0 +1,59 @@
+"""The file of a fitted law: who runs it has the fitted law."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slipctl import fit, from_text
+from slipctl.commands.fit import model_text
+from slipctl.models.huang_2020.subway_braking import double_exponential
+
+EQUATION = "y = c*(1 - exp(-k*u)) + d + 0*b*k where c = 2, k = 1 s, u [1/s], d = 0, b [1/s] = c/k"
+TOML = """
+[my]
+equations = "y = c*(1 - exp(-k*u)) + d"
+outputs = { y = "1" }
+[my.inputs]
+u = { unit = "1/s", doc = "in" }
+[my.parameters]
+c = 2
+k = "1 s"
+d = 0
+"""
+
+
+@pytest.mark.parametrize("kind", ["equation", "toml", "model", "model of a file"])
+def test_the_file_of_a_fit_makes_the_fitted_law(kind, tmp_path):
+    u = np.linspace(0.1, 6, 30)
+    if kind.startswith("model"):
+        base, given, free = double_exponential, {"a": 0.6}, ["c"]
+        name = "double_exponential"
+        name = f"huang_2020.subway_braking.{name}" if "file" in kind else name
+        curve = {"v_s": u, "mu": 0.8 * (np.exp(-0.6 * u) - np.exp(-1.2 * u))}
+    else:
+        given, free = {"d": 0.5}, ["c", "k"]
+        path = tmp_path / "my.toml"
+        path.write_text(TOML, encoding="utf-8")
+        name = EQUATION if kind == "equation" else f"{path}:my"
+        from slipctl.study.resolve import load_block
+
+        base = from_text(EQUATION) if kind == "equation" else load_block(name)
+        curve = {"u": u, "y": 1.5 * (1 - np.exp(-0.7 * u)) + 0.5}
+    found = fit(base.with_params(**given), curve, free)
+    text = model_text(found, base, name, "slipctl fit it")
+    made: dict = {}
+    exec(compile(text, "law.py", "exec"), made)
+    law, wanted = made["law"], found.law
+    for n, p in wanted.params.items():
+        if not p.derived:
+            assert law.params[n].value == pytest.approx(p.value, rel=1e-12), n
+    (output,) = wanted.outputs
+    at = {next(iter(wanted.inputs)): 1.3}
+    assert float(law(**at)[output]) == pytest.approx(float(wanted(**at)[output]), rel=1e-12)
+    rows = {k.split("=")[0].strip(): k for k in text.splitlines() if "#" in k}
+    assert set(rows) == {*given, *free}  # what is as it was stands in the law itself
+    assert all("given" in rows[n] for n in given)
+    assert all("+-" in rows[n] for n in free)
+    assert "    slipctl fit it" in text
+    assert f"{len(u)} points" in text

@@ -1,0 +1,98 @@
+"""Numbers that follow from a trip's own: how fast it may change speed, what a file tells of one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slipctl import Input, Output, Param, connect, step
+from slipctl.models.vehicle import Air, Constant, DemandAlone, Lag, Stretch, Track, Trip, Vehicle
+from slipctl.models.vehicle.air.pneumatics import ATMOSPHERE
+from slipctl.models.vehicle.parts import Davis, Slope, TrackBrake
+from slipctl.models.vehicle.parts.file_keys import with_keys
+from slipctl.models.vehicle.slip.takeover import released_torque, released_valves
+from slipctl.models.vehicle.slip.train_reference import filling_rate
+
+TRIP = Trip(
+    duration=6.0,
+    vehicle=Vehicle(mass=20e3, places=(0.0, 8.0), axles=2, inertia=100.0, radius=0.5, speed=20.0),
+    actuator=Lag(torque=20e3, lag=0.05),
+    rail=Track(law="double_exponential", sections=(Stretch(place=0.0, condition="dry"),)),
+    controllers={"none": DemandAlone()},
+)  # fmt: skip
+AIR = Air(torque=6e3, pressure=3.8e5, supply=6e5)
+BRAKES = 2 * 20e3 / 0.5 / 20e3
+"""Deceleration in m/s^2 that both axles can give."""
+
+
+def of_vehicle(**changes):
+    return replace(TRIP, vehicle=replace(TRIP.vehicle, **changes))
+
+
+FASTEST = [
+    (TRIP, BRAKES),
+    (replace(TRIP, demand=Constant(deceleration=2.5)), 2.5),
+    (replace(TRIP, demand=Constant(force=54e3)), 2.7),
+    (replace(TRIP, demand=Constant(deceleration=9.0)), BRAKES),
+    (replace(TRIP, demand=Constant(deceleration=0.2)), 1.25),  # the least that is taken
+    (of_vehicle(resistance=Davis(a=400.0, b=30.0, c=5.0)), BRAKES + (400 + 600 + 2000) / 20e3),
+    (of_vehicle(track_brake=TrackBrake(attraction=50e3, friction=0.1)), BRAKES + 0.25),
+    (replace(TRIP, rail=replace(TRIP.rail, gradient=-0.02)), BRAKES + 0.02 * 9.81),
+    (
+        replace(TRIP, rail=replace(TRIP.rail, gradient=(
+            Slope(place=0.0, gradient=0.01), Slope(place=9.0, gradient=-0.03)))),
+        BRAKES + 0.03 * 9.81,
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("trip", "most"), FASTEST)
+def test_a_speed_changes_no_faster_than_by_all_that_brakes_with_a_fifth_more(trip, most):
+    assert trip.fastest_change == pytest.approx(1.2 * most, rel=1e-3)
+
+
+@step(T_b=Output("N m", "torque", positive="braking"), period=1e-3)
+def told(
+    v=Input("m/s", "speed"), r=Param("m", 0.5, "wheel radius"), T=Param("s", 1e-3, "sample time"),
+    K=Param("1", 2.0, "gain"), other=Param("1", 3.0, "another"),
+):  # fmt: skip
+    return {}, dict(T_b=K * r * v * T * other)
+
+
+def test_a_number_of_the_file_says_where_it_stands_there():
+    ctl = connect("ctl", {"law.v": "v"}, law=told)
+    made = with_keys(ctl, ["K"])
+    found = {n.rpartition(".")[2]: s.source for n, s in made.params.items()}
+    assert found["T"] == "the vehicle's file, [control] period"
+    assert found["K"] == "the vehicle's file, gains of the controller"
+    assert found["r"].startswith("the vehicle's file, ")
+    assert "file" not in found["other"]
+    again = made.swap("law", told.with_params(other=4.0))
+    assert again.params["law.K"].source == made.params["law.K"].source
+    np.testing.assert_allclose(float(np.ravel(again.param_values()["law.other"])[0]), 4.0)
+
+
+@pytest.mark.parametrize(
+    ("actuator", "rate"),
+    [
+        (Lag(torque=9e3, lag=0.06), 9e3 / 0.06), (Lag(torque=9e3, lag=1e-3), 9e5),
+        # choked flow of (supply + atmosphere), into a pressure of 3.8 bar that is worth 6 kN m
+        (AIR, 6e3 / 3.8e5 * AIR.rates[0] * (6e5 + ATMOSPHERE)),
+    ],
+)  # fmt: skip
+def test_a_torque_rises_no_faster_than_its_actuator_lets_it(actuator, rate):
+    assert filling_rate(replace(TRIP, actuator=actuator)) == pytest.approx(rate)
+
+
+def test_an_axle_that_is_let_go_has_no_torque():
+    free = released_torque.with_params(T_max=500.0)
+    for asked, given in ((-3.0, 0.0), (100.0, 100.0), (900.0, 500.0)):
+        assert float(free(T_slip=asked, free=0)["T_cmd"]) == given
+        assert float(free(T_slip=asked, free=1)["T_cmd"]) == 0
+    for hold in (0, 1):
+        for vent in (0, 1):
+            bits = {"hold_by": hold, "vent_by": vent}
+            assert released_valves(**bits, free=0) == {"hold": hold, "vent": vent}
+            assert released_valves(**bits, free=1) == {"hold": 1, "vent": 1}

@@ -1,0 +1,96 @@
+"""Rows in order of time: what is written late, twice or wildly, and where a further run begins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slipctl.errors import BadInput
+from slipctl.tables.columns import expression_of
+from slipctl.tables.order import in_order
+from slipctl.tables.table import read_table
+
+
+def ordered(times, alike=()):
+    """Order of times; rows of which a pair stands in ``alike`` have the same cells."""
+
+    def same(k, n):
+        return (k, n) in alike
+
+    return in_order(np.array(times, float), lambda k: f"line {k + 2}", same, "log.csv: t")
+
+
+EVEN = list(range(12))
+ODD = [  # times, kept rows, begins of further runs, what is said
+    (EVEN, EVEN, [], ""),
+    ([0, 1, np.nan, 2, 3], [0, 1, 3, 4], [], "1 row without a time, left out: line 4"),
+    # row 6 was written late, by one row and by four; by six is beyond what is looked for
+    (
+        [0, 1, 3, 2, 4, 5, 6],
+        [0, 1, 3, 2, 4, 5, 6],
+        [],
+        "1 row written late, sorted by time: line 5",
+    ),
+    ([0, 1, 3, 4, 5, 6, 2, 7, 8], [0, 1, 6, 2, 3, 4, 5, 7, 8], [], "written late"),
+    # a time out of order: the row before, or the row itself, is left out
+    ([0, 1, 2, 33, 4, 5, 6, 7], [0, 1, 2, 4, 5, 6, 7], [], "1 row with a time out of order"),
+    ([0, 1, 2, 3, -9, 5, 6, 7], [0, 1, 2, 3, 5, 6, 7], [], "out of order, left out: line 6"),
+    ([0, 1, 2, 2, 3, 4], [0, 1, 3, 4, 5], [], "1 row with the time of the row before"),
+    ([0, 1, 2, 3, 0, 1, 2, 3], list(range(8)), [4], "line 6: the time goes back from 3 s to 0 s"),
+    ([5, 6, 7, 5, 6, 5, 6, 7], list(range(8)), [3, 5], "run 3 begins there"),
+]
+
+
+@pytest.mark.parametrize(("times", "rows", "begins", "said"), ODD)
+def test_rows_are_put_in_order_and_what_was_done_is_said(times, rows, begins, said):
+    found = ordered(times)
+    assert list(found.rows) == rows
+    assert found.begins == begins
+    assert any(said in line for line in found.notes) if said else not found.notes
+    t = np.array(times, float)[found.rows]
+    for begin, end in zip([0, *begins], [*begins, len(t)], strict=True):
+        assert (np.diff(t[begin:end]) > 0).all()
+
+
+def test_a_row_that_was_written_twice_is_left_out():
+    found = ordered([0, 1, 2, 3, 2, 4, 5], alike={(2, 4)})
+    assert list(found.rows) == [0, 1, 2, 3, 5, 6]
+    assert "1 row repeated, left out: line 6" in found.notes
+
+
+REFUSED = [
+    ([1, np.nan], "fewer than two different times"),
+    ([1, 1, 1], "fewer than two different times"),
+    ([3, 2, 1], "the times fall from row to row"),
+    ([5, 0, 1, 2, 3], "the time goes back in line 3, after a single row"),
+    ([0, 1, 2, 3, 0], "the time goes back in line 6, the last row; remove it"),
+    ([*range(9)] * 60, "the time goes back again and again"),
+    ([k // 2 for k in range(20)], "10 rows have the time of the row before, the first in line 3"),
+]
+
+
+@pytest.mark.parametrize(("times", "said"), REFUSED)
+def test_times_in_no_order_are_refused(times, said):
+    with pytest.raises(BadInput, match=said):
+        ordered(times)
+
+
+def test_columns_are_found_in_an_expression_with_their_units(tmp_path):
+    """The longest name first, letters as they stand before any others, one unit of each."""
+    path = tmp_path / "log.csv"
+    path.write_text("time [s];V;v;wheel speed;wheel\n0;1;2;3;4\n1;5;6;7;8\n", encoding="utf-8")
+    table = read_table(path)
+
+    def found(text):
+        made = expression_of(text, table)
+        return made.text, dict(made.columns), {k: u for k, u in made.told.items() if u}
+
+    assert found("V [m/s] - v") == ("V - v", {"V": "V", "v": "v"}, {"V": "m/s"})
+    assert found("v [km/h]") == ("v", {"v": "v"}, {"v": "km/h"})
+    assert found("WHEEL") == ("wheel", {"wheel": "wheel"}, {})
+    (key,) = expression_of("2*wheel speed [rpm]", table).columns
+    assert found("2*wheel speed [rpm]") == (f"2*{key}", {key: "wheel speed"}, {key: "rpm"})
+    assert key.isidentifier()
+    assert found("2*wheels") == ("2*wheels", {}, {})
+    with pytest.raises(BadInput, match="--map gives v in m/s and in km/h; write one unit"):
+        expression_of("v [m/s] + v [km/h]", table)
