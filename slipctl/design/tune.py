@@ -121,9 +121,8 @@ def tune(
     Args:
         loop: the loop, with its hand-set numbers.
         free: what is searched, ``{"ctl.law.k1": (1, 60)}`` or ``["k1=1:60"]``.
-        objective: a metric, or a weighted sum, ``"distance + 0.001*torque_ripple"``. Several of
-            them, ``["distance", "torque_ripple"]``, give a front, and the gains are those of its
-            knee.
+        objective: a metric, or a weighted sum, ``"distance + 0.001*torque_ripple"``. Several give
+            a front, ``["distance", "torque_ripple"]``, and the gains are those of its knee.
         ensemble: what differs from draw to draw.
         subject_to: ``["torque_ripple<=8kN m", "slip_max@0.95<=2m/s", "margin>=1.2"]``.
         scenario: what happens.
@@ -157,19 +156,17 @@ def tune(
     world = World(loop, scenario, ensemble, signals=signals, known=known, seed=seed,
                   free=[f.name for f in frees], compile=compile)  # fmt: skip
     _apart(frees, world, note)
-    goals, limits, promises = _wanted(
-        world, frees, name, objective, subject_to, Promises(tuple(gains), tell=note), samples
-    )
+    proofs = Promises(tuple(gains), tell=note)
+    goals, limits, proofs = _wanted(world, frees, name, objective, subject_to, proofs, samples)
     runs = RUNS * len(frees) * len(goals) if runs is None else runs
     check_whole("--runs", runs, 1)
     told = _identity(loop, world, frees, goals, subject_to, samples, runs) | dict(about or {})
     with _begun(out, told) as store:
         rolls = Rolls(world, jobs or machine.cores(), store)
         rolls.progress = progress or rolls.progress
-        search = (FrontSearch if goals[1:] else Search)(
-            loop, frees, rolls, goals[0], limits, promises, samples, runs, seed, note,
-            tuple(goals[1:]),
-        )  # fmt: skip
+        kind = FrontSearch if goals[1:] else Search
+        search = kind(loop, frees, rolls, goals[0], limits, proofs, samples, runs, seed, note,
+                      tuple(goals[1:]))  # fmt: skip
         return _found(search, name, held_out, prove)
 
 

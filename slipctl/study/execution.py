@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -66,8 +66,7 @@ def run(
 
     Args:
         study: the study.
-        cases: from :func:`prepare`.
-        models: from :func:`prepare`, for the experiments.
+        cases, models: from :func:`prepare`; models are for the experiments.
         quick: as told to :func:`prepare`.
         compile: compile the loops where there is a compiler.
         experiments: run them too, or those named.
@@ -77,26 +76,22 @@ def run(
             earlier run of the same are taken; None keeps nothing.
         command: command line, for the logs.
         cores: how many runs go on at once; None is one.
-        beside: further jobs, which need no result; they follow the runs of the first case, and
-            nothing is reported of them.
+        beside: further jobs, after the runs of the first case; nothing is reported of them.
         take: given the outcome of each of them.
     """
     results = new_results(study, cases, quick) if results is None else results
     given = study.models if models is None else models
     cores = cores or Cores(1)
     jobs: dict[str, Job[Any]] = {}
-
-    def tell(what: str, share: float) -> None:
-        if report is not None and what not in (beside or {}):
-            report(what, share)
-
+    others = beside or {}
+    tell = _without(others, report)
     # what a report needs first comes first; the experiments take longest; a core that is free at
     # the end takes the other runs, which are short
     wanted = experiments if not isinstance(experiments, bool) else study.experiments
     chosen = list(wanted) if experiments else []
     first = cases[:1] if chosen else cases
     _add_runs(jobs, results, first, compile, keep, command)
-    jobs |= beside or {}
+    jobs |= others
     for name in chosen:
         jobs[name] = _experiment_job(study, name, cases, given, quick, compile, keep, cores)
     _add_runs(jobs, results, cases[len(first) :], compile, keep, command)
@@ -106,7 +101,7 @@ def run(
     try:
         with closing(run_jobs(jobs, cores, tell, partial(_load, study))) as outcomes:
             for what, outcome in outcomes:
-                if what in (beside or {}):
+                if what in others:
                     take(what, outcome)
                     continue
                 with note_failure(results, what):
@@ -129,6 +124,16 @@ def run(
         results.tables = dict(sorted(results.tables.items(), key=lambda item: order[item[0]]))
         results.failed = _as_in(results.failed, [*runs, *results.failed])
     return results
+
+
+def _without(names: Container[str], report: Report | None) -> Report:
+    """A report that tells nothing of some names."""
+
+    def tell(what: str, share: float) -> None:
+        if report is not None and what not in names:
+            report(what, share)
+
+    return tell
 
 
 def _add_runs(

@@ -78,7 +78,7 @@ def test_a_machine_is_tuned_to_one_that_is_proved(capsys, tmp_path):
 def test_a_machine_without_a_proof_is_refused_by_the_runs_of_another_one():
     """What leaves the bound in such a run is not certified, and its own search says REFUTED."""
     study = resolve.load_study("t.toml")
-    gains = next(g for g in study.gains if g.loop == "wsp")
+    gains = next(g for g in study.certificates.gains if g.loop == "wsp")
     loop = Request.of(study, "wsp", []).chosen[0]
     promises = Promises((gains,), kept=(gains.name,))
     late = loop.with_params(**{"ctl.law.s_hi": 6.0})
