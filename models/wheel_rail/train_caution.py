@@ -18,7 +18,7 @@ SHARES = np.linspace(0.0, 1.0, 51)
 FACTORS = 7
 """True strengths that are tried: an odd number, so that the one believed is among them."""
 
-SPEEDS = 13
+SPEEDS = 25
 """Speeds at which the axles over one rail point are worked out."""
 
 FEW = 2
