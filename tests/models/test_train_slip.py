@@ -130,6 +130,9 @@ def test_many_axles_need_no_caution_and_a_strength_that_is_known_needs_none():
     # what gains nothing does not try
     assert cautious_share(replace(made, behind=(0.0, 2.0)), 25.0) == 0.0
     assert cautious_share(replace(made, behind=(0.0, 2.0, 14.0, 16.0), tau=3.4e-5), 25.0) == 0.0
+    # unless it learns that it may
+    weak = replace(made, behind=(0.0, 2.0, 14.0, 16.0), tau=3.4e-5)
+    assert cautious_share(weak, 25.0, learn=True) > 0.9
     # two layers: the first joules clean nothing
     assert cautious_share(replace(made, behind=made.behind[:8], tau=6e-5), 25.0) == 1.0
     assert cautious_share(replace(made, behind=made.behind[:8], tau=6e-5, layers=2), 25.0) == 0.0
