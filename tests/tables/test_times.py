@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from slipctl.errors import BadInput
+from slipctl.tables.heads import time_in_name
 from slipctl.tables.table import read_table
 from slipctl.tables.times import seconds_of_table
 
@@ -126,3 +127,19 @@ def test_a_time_without_a_unit_is_read_as_first_and_step_allow(first, step, said
     found, _, notes = times(tmp_path, text)
     assert any(said in line for line in notes), notes
     assert found == pytest.approx(factor * step * np.arange(4), rel=0.02)
+
+
+NAMES = {
+    "time": "", "t": "", "Time": "", "time_ms": "ms", "timeus": "us", "TimeUS": "us", "s": "s",
+    "seconds": "s", "time in ms": "ms", "zeit_s": "s", "timestamp": "", "millis": "ms", "us": "us",
+    "t_s": "s", "Time (min)": "min", "zeitms": "ms", "sec": "s", "elapsed_time_h": "h",
+}  # fmt: skip
+
+
+def test_a_name_of_a_time_says_its_unit_and_how_likely_it_is():
+    assert {n: time_in_name(n)[1] for n in NAMES} == NAMES
+    ranks = [time_in_name(n)[0] for n in ("time", "t", "timestamp", "zeit", "seconds", "s", "ms")]
+    assert ranks == sorted(ranks)
+    assert time_in_name("timems") == time_in_name("time_ms") == (time_in_name("time")[0], "ms")
+    for name in ("speed", "speed_ms", "time_x", "timems_x", "in_ms", "", "time_of_flight"):
+        assert time_in_name(name) is None
