@@ -103,10 +103,11 @@ def test_a_unit_that_the_times_contradict_is_refused(tmp_path: Path) -> None:
 
 
 BESIDE_A_LIMIT = [
-    (0, 9.9, "read in s,"), (0, 10.1, ""), (0, 1.1e-5, "read in s,"), (0, 0.9e-5, ""),
+    (0, 9.9, "read in s,"), (0, 10.1, ""), (0, 1.05e-5, "read in s,"), (0, 0.9e-5, ""),
     (36_400, 5e-5, "read in s,"), (36_600, 5e-5, "in days"), (54_900, 5e-5, "in days"),
     (55_100, 5e-5, "read in s,"), (40_000, 0.9e-4, "in days"), (40_000, 1.1e-4, "read in s,"),
-    (40_000, 1e-9, ""), (0.89e9, 1, "read in s,"), (0.91e9, 1, "in s since 1970"),
+    (40_000, 1e-9, ""), (40_000, 1.2e-9, "in days"), (0.89e9, 1, "read in s,"),
+    (0.91e9, 1, "in s since 1970"),
     (2.49e9, 1, "in s since 1970"), (2.51e9, 1, "read in s,"), (0.91e12, 9e3, "in ms since 1970"),
     (0.91e12, 11e3, ""), (0.91e15, 1e3, "in us since 1970"), (0.91e18, 1e6, "in ns since 1970"),
 ]  # fmt: skip
