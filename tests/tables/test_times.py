@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slipctl.errors import BadInput
-from slipctl.tables.heads import time_in_name
+from slipctl.tables.heads import time_in_name, unit_in_name
 from slipctl.tables.table import read_table
 from slipctl.tables.times import seconds_of_table
 
@@ -144,3 +144,10 @@ def test_a_name_of_a_time_says_its_unit_and_how_likely_it_is():
     assert time_in_name("timems") == time_in_name("time_ms") == (time_in_name("time")[0], "ms")
     for name in ("speed", "speed_ms", "time_x", "timems_x", "in_ms", "", "time_of_flight"):
         assert time_in_name(name) is None
+
+
+def test_a_name_of_one_word_says_no_unit():
+    assert (unit_in_name("kmh", "m/s"), unit_in_name("speed_kmh", "m/s")) == ("", "km/h")
+    assert (unit_in_name("min", "s"), unit_in_name("wait_min", "s")) == ("", "min")
+    assert unit_in_name("v_km_h", "m/s") == "km/h"
+    assert unit_in_name("way_km_m", "m") == ""  # two of them
