@@ -18,7 +18,7 @@ SHARES = np.linspace(0.0, 1.0, 51)
 FACTORS = 7
 """True strengths that are tried: an odd number, so that the one believed is among them."""
 
-SPEEDS = 13
+SPEEDS = 25
 """Speeds at which the axles over one rail point are worked out."""
 
 FEW = 2
@@ -34,7 +34,7 @@ NODES = np.linspace(0.0, 1.0, 17)
 
 def cautious_share(
     train: SlidingTrain, speed: float, within: float = 3.0, worse: float = 0.019,
-    plan: bool = False,
+    plan: bool = False, learn: bool = False,
 ) -> float:  # fmt: skip
     """Largest share of the believed strength with which a train never stops much later.
 
@@ -48,14 +48,16 @@ def cautious_share(
             whole stop loses .1 % more than one rail point tells; behind valves it loses less, as
             they do not hold best slips exactly either.
         plan: whether slips are planned over all axles, and not by the law of each.
+        learn: whether the strength is learnt within the factor. Then a train tries if it may gain
+            with the largest one.
     """
     if train.axles <= FEW:
         return 0.0
     later = _later(train, speed, within, plan)
     over = np.flatnonzero(later.max(axis=(0, 2)) > worse)
     most = int(over[0]) - 1 if over.size else SHARES.size - 1
-    as_believed = later[-1, : most + 1, FACTORS // 2]
-    return float(SHARES[most]) if as_believed.min() < -WORTH else 0.0
+    hoped = later[-1, : most + 1, -1 if learn else FACTORS // 2]
+    return float(SHARES[most]) if hoped.min() < -WORTH else 0.0
 
 
 def _later(train: SlidingTrain, speed: float, within: float, plan: bool) -> np.ndarray:

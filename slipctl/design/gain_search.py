@@ -50,6 +50,9 @@ REDRAWN = 12
 TRIED = 200
 """Points at which certificates are asked for, to fill the first population."""
 
+IDLE = 3
+"""Generations without a trial after which a search for a machine with a proof has arrived."""
+
 DOUBT = 0.7
 """A candidate is left out where one without a proof is nearer than this share of the way to the
 nearest that has one."""
@@ -153,7 +156,7 @@ class Search:
         numbers = {f.name: float(x) for f, x in zip(self.frees, point, strict=True)}
         self.thought += 1
         made = self.made(self.thought, numbers, share)
-        why = self.refusal(numbers) or self._doubt(share)
+        why = self._doubt(share) or self.refusal(numbers)
         if why:
             self.refused[why] = self.refused.get(why, 0) + 1
             return None
@@ -234,9 +237,12 @@ class Search:
         self._populate(6 + 2 * len(self.frees))
         self._begin()
         generation = 0
+        idle = 0  # generations in a row without a trial
         while self.rolls.done < self.runs and self._spread() > ALIKE and generation < 200:
             generation += 1
-            self._generation(generation)
+            idle = 0 if self._generation(generation) else idle + 1
+            if idle == IDLE and self.promises.has_last():
+                break
         self.spent = self.rolls.done
         self._end()
         return self.best
@@ -291,8 +297,8 @@ class Search:
         self._crown(pairs, self.race(pairs))
         self._say(0)
 
-    def _generation(self, generation: int) -> None:
-        """A trial for each member, raced against it."""
+    def _generation(self, generation: int) -> int:
+        """A trial for each member, raced against it; gives how many there were."""
         shares = np.array([m.share for m in self.members])
         best = self.members.index(self.best)
         pairs: list[tuple[Candidate, Candidate]] = []
@@ -309,6 +315,7 @@ class Search:
             if better and not self.failed(trial):
                 self.members[self.members.index(member)] = trial
         self._say(generation)
+        return len(pairs)
 
     def _crown(self, pairs: Sequence[tuple[Candidate, Candidate]], through: Sequence[bool]) -> None:
         """Take the best of those that got through, on all draws; the best ones are proved first."""

@@ -138,8 +138,9 @@ def text(found: Tuned) -> str:
             *(f"subject to {limit.text}" for limit in search.limits),
             *(f"subject to {p.text}" for p in search.promises.wanted)]  # fmt: skip
     refused = sum(search.refused.values())
+    why = " or the lack of one nearby" if search.shown else ""
     counted = (
-        f"{search.thought} candidates, {refused} refused by a certificate before any run,"
+        f"{search.thought} candidates, {refused} refused by a certificate{why} before any run,"
         f" {search.spent} runs on {search.samples} draws"
     )
     if search.shown:

@@ -316,8 +316,13 @@ def _columns(fig: Figure, names: Sequence[str]) -> int:
 
 
 def names_below(groups: Mapping[str, Any]) -> list[str]:
-    """Names below an axis; of many, a long one goes over two lines and touches no other."""
+    """Names below an axis, of which none touches another.
+
+    Of many, a long one goes over two lines; of more than ten, each second one stands lower.
+    """
     many = len(groups) > 6
+    if len(groups) > 10:
+        return [("\n" if k % 2 else "") + n for k, n in enumerate(groups)]
     return [n.replace("_", "_\n", 1) if many and len(n) > 9 else n for n in groups]
 
 

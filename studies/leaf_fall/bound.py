@@ -51,7 +51,8 @@ def sliding_train(trip: Trip, begin: Begin, slip: float = LIMIT) -> SlidingTrain
     layer, vehicle = trip.rail.contamination, trip.vehicle
     assert layer is not None  # every trip of the study has leaves
     stretches = tuple((p.begin - begin.place, p.end - begin.place) for p in layer.places) or None
-    leaves = falling_creep.with_params(**falling_creep.conditions[layer.condition])
+    numbers = falling_creep.conditions[layer.condition] | layer.numbers
+    leaves = falling_creep.with_params(**numbers)
     c0, _, c2 = vehicle.resistance.of(vehicle.total)
     wheels = vehicle.wheel_inertia / trip.one_radius**2 / AXLE
     return SlidingTrain(
@@ -99,7 +100,7 @@ def filled_behind(trip: Trip, train: SlidingTrain, slips: Slips) -> Slips:
     wheels = trip.vehicle.wheel_inertia / trip.one_radius**2 / AXLE
     rate = filling_rate(trip) / trip.one_radius / (2 * train.load) / (1 + wheels)
     e = np.geomspace(1e-6, 0.02, 300)
-    before = {"x": 0.0, "f": np.full(train.axles, train.most)}
+    before: dict[str, Any] = {"x": 0.0, "f": np.full(train.axles, train.most)}
 
     def rule(x: float, v: float, W: np.ndarray, fouled: np.ndarray) -> np.ndarray:
         wanted = slips(x, v, W, fouled)

@@ -1,6 +1,7 @@
 """Rows of ``slipctl compare``: what differs, metric by metric, as its numbers say by definition."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 
 from slipctl.commands import compare
 from slipctl.commands.compare import Side
+from slipctl.run.sweep.sweep_store import FILE
 
 values = st.lists(st.floats(-1e3, 1e3) | st.just(math.inf), min_size=1, max_size=9)
 
@@ -149,3 +151,19 @@ def test_every_table_of_metrics_has_its_rows_and_differences(many):
         assert any(line.startswith(("m s 1 2", "m s +1 +2")) for line in said[1])
         assert not any(line.startswith("same") for line in said[1])
     assert not any("median" in line or "never" in line for s in said for line in s)
+
+
+def test_a_folder_of_several_sweeps_is_these_in_the_order_in_which_they_were_made(tmp_path):
+    for name in ("b", "a"):
+        (tmp_path / "many" / name).mkdir(parents=True)
+        (tmp_path / "many" / name / FILE).write_text("x")
+        time.sleep(0.02)
+    whole = str(tmp_path / "many")
+    assert compare._inside(whole) == [f"{whole}/b", f"{whole}/a"]
+    assert compare._inside(f"{whole}/a") == [f"{whole}/a"]
+    assert compare._inside(str(tmp_path)) == [str(tmp_path)]
+    (tmp_path / "many" / "metrics.json").write_text("{}")
+    assert compare._inside(whole) == [whole]
+    (tmp_path / "many" / "metrics.json").unlink()
+    (tmp_path / "many" / FILE).write_text("x")
+    assert compare._inside(whole) == [whole]

@@ -33,7 +33,7 @@ T_top = "9 kN m"
 [wsp.states]
 mode = { start = 0 }
 """
-"""Its numbers are proved to stay below 2.2 m/s; those from which it vents later are not."""
+"""Its numbers are proved to stay below 3 m/s; one that vents from 2 m/s on comes to 3.6 m/s."""
 
 ACTUATOR = """kind = "valve"
 torque = "9 kN m"
@@ -41,8 +41,10 @@ fill = "100 ms"
 vent = "100 ms"
 """
 
-REST = """[certify]
-slip = "2.2 m/s"
+REST = """[control]
+period = "10 ms"
+[certify]
+slip = "3 m/s"
 [ensemble]
 [ensemble.draw]
 m = "36 t:40 t"
@@ -61,14 +63,14 @@ def _here(tmp_path, monkeypatch):
 
 @pytest.mark.long
 def test_a_machine_is_tuned_to_one_that_is_proved(capsys, tmp_path):
-    """It vents as early as its proof asks for; the certificate is checked without a search."""
-    line = ["tune", "t.toml:wsp", "--free", "s_hi=1:8", "--minimise", "slip_error_rms",
+    """The largest slip is wanted, so the proof decides; the file is checked without a search."""
+    line = ["tune", "t.toml:wsp", "--free", "s_hi=1:8", "--minimise=-slip_max",
             "--subject-to", "wsp.certified", "--samples", "4", "--runs", "40", "--held-out", "4",
             "--out", "out", "--json"]  # fmt: skip
     assert main(line) == 0
     found = json.loads(capsys.readouterr().out)
     best = float(found["gains"]["ctl.law.s_hi"]["value"])
-    assert 1 <= best < 1.6
+    assert 1 <= best < 2
     assert main(["check", "out/certificate.json"]) == 0
     said = json.loads((tmp_path / "out" / "certificate.json").read_text(encoding="utf-8"))
     assert {e["certificate"]["verdict"] for e in said["exact"]} == {CERTIFIED}

@@ -260,3 +260,9 @@ def test_a_legend_of_many_names_is_no_wider_than_its_figure():
     box = fig.legends[0].get_window_extent(canvas.get_renderer())
     assert box.x0 >= 0
     assert box.x1 <= fig.bbox.width
+
+
+def test_of_more_than_ten_names_below_an_axis_neighbours_stand_on_lines_of_their_own():
+    few, many = (looks.names_below({f"name_{k}": 0 for k in range(n)}) for n in (10, 14))
+    assert not any("\n" in n for n in few)
+    assert [n.startswith("\n") for n in many] == [bool(k % 2) for k in range(14)]

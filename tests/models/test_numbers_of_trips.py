@@ -9,11 +9,17 @@ import pytest
 
 from slipctl import Input, Output, Param, connect, step
 from slipctl.models.vehicle import Air, Constant, DemandAlone, Lag, Stretch, Track, Trip, Vehicle
+from slipctl.models.vehicle.adhesion import rail_law
 from slipctl.models.vehicle.air.pneumatics import ATMOSPHERE
-from slipctl.models.vehicle.parts import Davis, Slope, TrackBrake
+from slipctl.models.vehicle.books import known_of_trip
+from slipctl.models.vehicle.control import wheel
+from slipctl.models.vehicle.parts import Davis, NoisySpeed, Slope, TrackBrake
 from slipctl.models.vehicle.parts.file_keys import with_keys
+from slipctl.models.vehicle.ranges import of_inputs
 from slipctl.models.vehicle.slip.takeover import released_torque, released_valves
 from slipctl.models.vehicle.slip.train_reference import filling_rate
+from slipctl.models.wheel_rail.contact import patch
+from slipctl.study.resolve import load_block
 
 TRIP = Trip(
     duration=6.0,
@@ -96,3 +102,42 @@ def test_an_axle_that_is_let_go_has_no_torque():
             bits = {"hold_by": hold, "vent_by": vent}
             assert released_valves(**bits, free=0) == {"hold": hold, "vent": vent}
             assert released_valves(**bits, free=1) == {"hold": 1, "vent": 1}
+
+
+def test_the_patch_of_a_law_is_that_of_the_vehicle_s_wheels():
+    """By Hertz at the load of a wheel; it grows with the third root of the mass."""
+    track = replace(TRIP.rail, law="polach")
+    own = rail_law(replace(TRIP, rail=track))
+    wheel = patch(20e3 * 9.81 / 4, 0.5)
+    found = own.param_values()
+    assert {n: float(found[n]) for n in wheel} == pytest.approx(wheel)
+    assert wheel["Q"] == 20e3 * 9.81 / 4
+    heavy = own.with_params(m=40e3).param_values()
+    assert float(heavy["a"]) == pytest.approx(2 ** (1 / 3) * wheel["a"])
+    given = rail_law(replace(TRIP, rail=replace(track, conditions={"dry": {"Q": 7e4}})))
+    plain = load_block("polach").param_values()
+    assert float(given.param_values()["a"]) == float(plain["a"])
+
+
+def test_inputs_are_judged_by_what_the_sensors_do():
+    """Gate of the vehicle speed: five deviations, a step, what lost samples hide, and 0.15 m/s."""
+    plain = of_inputs(TRIP, wheel(TRIP))
+    assert (plain["gate"], plain["unseen"], plain["lost"]) == (0.15, 0.1, 20e3)
+    assert plain["fastest"] == 120.0
+    assert of_inputs(of_vehicle(speed=100.0), wheel(TRIP))["fastest"] == 150.0
+    noisy = NoisySpeed(deviation=0.2, step=0.05)
+    trip = replace(TRIP, sensors=replace(TRIP.sensors, vehicle_speed=noisy),
+                   control=replace(TRIP.control, demand_lost="3 kN m"))  # fmt: skip
+    found = of_inputs(trip, wheel(trip))
+    assert found["unseen"] == pytest.approx(0.15)
+    assert found["gate"] == pytest.approx(0.15 + 5 * 0.2 + 0.05)
+    assert found["lost"] == 3e3
+    waits = replace(TRIP, actuator=replace(TRIP.actuator, dead_time=0.2))
+    assert of_inputs(waits, wheel(waits))["react"] - plain["react"] == pytest.approx(0.2)
+
+
+def test_a_mark_is_known_where_the_file_has_one():
+    assert list(known_of_trip(TRIP)) == ["books.error"]
+    found = known_of_trip(replace(TRIP, mark=120.0))
+    assert list(found) == ["books.error", "trip.mark"]
+    assert found["trip.mark"].values == 120.0

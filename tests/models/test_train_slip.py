@@ -130,6 +130,9 @@ def test_many_axles_need_no_caution_and_a_strength_that_is_known_needs_none():
     # what gains nothing does not try
     assert cautious_share(replace(made, behind=(0.0, 2.0)), 25.0) == 0.0
     assert cautious_share(replace(made, behind=(0.0, 2.0, 14.0, 16.0), tau=3.4e-5), 25.0) == 0.0
+    # unless it learns that it may
+    weak = replace(made, behind=(0.0, 2.0, 14.0, 16.0), tau=3.4e-5)
+    assert cautious_share(weak, 25.0, learn=True) > 0.9
     # two layers: the first joules clean nothing
     assert cautious_share(replace(made, behind=made.behind[:8], tau=6e-5), 25.0) == 1.0
     assert cautious_share(replace(made, behind=made.behind[:8], tau=6e-5, layers=2), 25.0) == 0.0
@@ -181,7 +184,9 @@ def test_behind_valves_little_of_the_way_to_the_optimum_is_left(axles, tau, best
 @pytest.mark.long
 @pytest.mark.parametrize(("tau", "believed"), [(1.8e-4, 1.8e-4), (1e-4, 1e-4 / 3)])
 def test_behind_valves_a_plan_over_the_axles_stops_no_later_than_the_law_of_each(tau, believed):
-    ways = [way(train(8, tau, controllers=law(plan=plan, tau=believed))) for plan in (True, False)]
+    """With the same share of the strength; to risk as little, a plan has a smaller one."""
+    ways = [way(train(8, tau, controllers=law(plan=plan, tau=believed, caution=0.9)))
+            for plan in (True, False)]  # fmt: skip
     assert ways[0] < 1.002 * ways[1]
 
 

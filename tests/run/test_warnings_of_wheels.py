@@ -23,6 +23,7 @@ from slipctl.models.vehicle import (
     case,
 )
 from slipctl.models.wheel_rail.exponential_tail import exponential_tail, peak_slip
+from slipctl.run.warnings import wheels
 from slipctl.study.resolve import load_block
 
 CAR = Vehicle(mass=38e3, inertia=110.0, speed=16.7)
@@ -124,3 +125,31 @@ def test_a_law_says_how_far_it_reaches(tmp_path: Path):
             with_reach(double_exponential, {key: value})
     assert with_reach(double_exponential, {"meant_to": "locked"}).law_data.meant_to == math.inf
     assert double_exponential.law_data.meant_to == 4.0
+
+
+@pytest.mark.parametrize("conditions", [("ice",), ("dry", "wet")])
+def test_the_rail_carries_its_peak_on_the_load_of_each_axle(conditions):
+    """c (e^(-a s) - e^(-b s)) at its largest, times load and radius, where an axle then is."""
+    places = (0.0, 25.0)
+    rail = Track(sections=tuple(Stretch(place=p, condition=c)
+                                for p, c in zip(places, conditions, strict=False)))  # fmt: skip
+    found = case(Trip(
+        duration=1.5, vehicle=CAR, actuator=Lag(torque=8e3), demand=Constant(deceleration=1.0),
+        rail=rail, sensors=Sensors(wheel_speed=Exact()), controllers={"none": DemandAlone()},
+    ))  # fmt: skip
+    loop = found.loops["none"]
+    log = prepare(loop, found.scenario, compile=False)(doubt=True)
+    carried = wheels._carried(loop, found.scenario, log)
+    slip = np.linspace(0, 20, 20001)
+    law = loop["plant.train.adh"]
+    for axle, behind in enumerate(np.ravel(loop.param_values()["plant.train.behind"])):
+        for row in (0, 700, 1499):
+            at = float(log["plant.train.x"][row]) - behind
+            name = conditions[-1] if at >= places[1] else conditions[0]
+            p = {n: float(v) for n, v in law.param_values().items()}
+            p |= {n: float(v) for n, v in law.conditions[name].items()}
+            peak = (p["c"] * (np.exp(-p["a"] * slip) - np.exp(-p["b"] * slip))).max()
+            wanted = peak * 38e3 / 4 * 9.81 * CAR.wheel_radius
+            assert carried[row, axle] == pytest.approx(wanted, rel=1e-4)
+    if len(conditions) > 1:
+        assert np.ptp(carried) > 0

@@ -69,6 +69,16 @@ def test_a_doubt_is_a_sentence_and_a_warning_only_where_the_slip_was_lost(slip, 
     assert [line for line, _ in warnings_of_runs(found)] == ([] if held else [remark.text])
 
 
+def test_each_loop_that_has_a_doubt_has_a_line_and_no_other():
+    v = np.maximum(20 - 0.5 * T, 5)
+    found = results(good=log(v, 0.5), off=log(v, 0.5, (2.0, 7.5)), fine=log(v, 0.5),
+                    late=log(v, 0.5, (9.0, 20.0)))  # fmt: skip
+    remarks = estimator_remarks(found)
+    assert [(r.scenario, r.loop) for r in remarks] == [("base", "off"), ("base", "late")]
+    assert "from 2.0 s to 7.5 s" in remarks[0].text
+    assert "from 9.0 s on" in remarks[1].text
+
+
 @pytest.mark.parametrize(
     "name", ["subway_braking", "hst_braking", "hst_traction", "freight_traction"]
 )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from slipctl.errors import BadInput
+from slipctl.tables.heads import time_in_name, unit_in_name
 from slipctl.tables.table import read_table
 from slipctl.tables.times import seconds_of_table
 
@@ -102,10 +103,11 @@ def test_a_unit_that_the_times_contradict_is_refused(tmp_path: Path) -> None:
 
 
 BESIDE_A_LIMIT = [
-    (0, 9.9, "read in s,"), (0, 10.1, ""), (0, 1.1e-5, "read in s,"), (0, 0.9e-5, ""),
+    (0, 9.9, "read in s,"), (0, 10.1, ""), (0, 1.05e-5, "read in s,"), (0, 0.9e-5, ""),
     (36_400, 5e-5, "read in s,"), (36_600, 5e-5, "in days"), (54_900, 5e-5, "in days"),
     (55_100, 5e-5, "read in s,"), (40_000, 0.9e-4, "in days"), (40_000, 1.1e-4, "read in s,"),
-    (40_000, 1e-9, ""), (0.89e9, 1, "read in s,"), (0.91e9, 1, "in s since 1970"),
+    (40_000, 1e-9, ""), (40_000, 1.2e-9, "in days"), (0.89e9, 1, "read in s,"),
+    (0.91e9, 1, "in s since 1970"),
     (2.49e9, 1, "in s since 1970"), (2.51e9, 1, "read in s,"), (0.91e12, 9e3, "in ms since 1970"),
     (0.91e12, 11e3, ""), (0.91e15, 1e3, "in us since 1970"), (0.91e18, 1e6, "in ns since 1970"),
 ]  # fmt: skip
@@ -126,3 +128,26 @@ def test_a_time_without_a_unit_is_read_as_first_and_step_allow(first, step, said
     found, _, notes = times(tmp_path, text)
     assert any(said in line for line in notes), notes
     assert found == pytest.approx(factor * step * np.arange(4), rel=0.02)
+
+
+NAMES = {
+    "time": "", "t": "", "Time": "", "time_ms": "ms", "timeus": "us", "TimeUS": "us", "s": "s",
+    "seconds": "s", "time in ms": "ms", "zeit_s": "s", "timestamp": "", "millis": "ms", "us": "us",
+    "t_s": "s", "Time (min)": "min", "zeitms": "ms", "sec": "s", "elapsed_time_h": "h",
+}  # fmt: skip
+
+
+def test_a_name_of_a_time_says_its_unit_and_how_likely_it_is():
+    assert {n: time_in_name(n)[1] for n in NAMES} == NAMES
+    ranks = [time_in_name(n)[0] for n in ("time", "t", "timestamp", "zeit", "seconds", "s", "ms")]
+    assert ranks == sorted(ranks)
+    assert time_in_name("timems") == time_in_name("time_ms") == (time_in_name("time")[0], "ms")
+    for name in ("speed", "speed_ms", "time_x", "timems_x", "in_ms", "", "time_of_flight"):
+        assert time_in_name(name) is None
+
+
+def test_a_name_of_one_word_says_no_unit():
+    assert (unit_in_name("kmh", "m/s"), unit_in_name("speed_kmh", "m/s")) == ("", "km/h")
+    assert (unit_in_name("min", "s"), unit_in_name("wait_min", "s")) == ("", "min")
+    assert unit_in_name("v_km_h", "m/s") == "km/h"
+    assert unit_in_name("way_km_m", "m") == ""  # two of them

@@ -333,12 +333,19 @@ class _AskedValves:
     def __init__(self, trip: Trip, part: SlideProtection) -> None:
         self.trip, self.part = trip, part
         self.over, self.left = bounds.ranges(trip)
+        self._seen: dict[tuple[tuple[str, float], ...], tuple[float, float]] = {}
 
     def _masses(self, n: Mapping[str, float]) -> tuple[float, float]:
         return self.over.numbers.get("m", (n["m"],) * 2)
 
     def _falls(self, n: Mapping[str, float]) -> tuple[float, float]:
-        """What the slip falls by, least and most in m/s^2."""
+        """What the slip falls by, least and most in m/s^2; it does not depend on the machine."""
+        key = tuple(sorted(n.items()))
+        if key not in self._seen:
+            self._seen[key] = self._enclosed(n)
+        return self._seen[key]
+
+    def _enclosed(self, n: Mapping[str, float]) -> tuple[float, float]:
         trip, ends = self.trip, []
         vehicle, layer, law = trip.vehicle, trip.rail.contamination, rail_law(trip)
         curves = [(law.with_params(**{k: float(v) for k, v in values.items()}), 1.0)

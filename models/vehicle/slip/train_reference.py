@@ -58,7 +58,9 @@ def counted_share(train: SlidingTrain, trip: Trip, part: TrainSlip) -> float:
     """Share of the believed strength that a train counts on."""
     if part.caution is not None:
         return part.caution
-    return cautious_share(train, max(trip.vehicle.speed, 5.0), part.within, plan=part.plan)
+    return cautious_share(
+        train, max(trip.vehicle.speed, 5.0), part.within, plan=part.plan, learn=part.learn
+    )  # fmt: skip
 
 
 def train_reference(trip: Trip, part: TrainSlip) -> Block:

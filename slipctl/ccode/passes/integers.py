@@ -205,11 +205,11 @@ def _comparison(n: Node, known: _Known) -> Node | None:
     sides = [_bare(p) for p in n.parts]
     for k, flag in enumerate(sides):
         number = sides[1 - k]
-        if known.has(flag) and number.kind == "number":
-            at = float(number.head)
+        if number.kind == "number" and flag.kind != "number" and _is_truth(flag, known):
+            at, told = float(number.head), _truth(flag, known)
             held = [_COMPARED[n.head](*((v, at) if k == 0 else (at, v))) for v in (0.0, 1.0)]
             if held[0] != held[1]:
-                return flag if held[1] else _not(flag)
+                return told if held[1] else _not(told)
             return _TRUE if held[0] else _FALSE
     if any(_member(s) in known.counts for s in sides):
         least = sides[0] == _NO and n.head == "<="  # which every integer without a sign is above

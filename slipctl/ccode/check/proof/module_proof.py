@@ -235,7 +235,10 @@ def any_results(plan: Plan, text: str) -> str:
     body = ["int k;", *(f"(void){a};" for a in given)]
     for pointer, members in (("next", lay.states), ("now", lay.signals)):
         for m in members:
-            body += _each(m, f"{pointer}->{m.c}{'' if m.scalar else '[k]'} = unknown;")
+            any_ = "unknown" if lay.kind(m, plan.real) == plan.real else "(undecided != 0)"
+            if lay.kind(m, plan.real) == "unsigned int":
+                any_ = "(unsigned int)undecided"
+            body += _each(m, f"{pointer}->{m.c}{'' if m.scalar else '[k]'} = {any_};")
     body += ["return 0;"] * (found[1] == "int")
     lines = with_structs(plan, "".join(f"    {line}\n" for line in body))
     declared = f"static volatile {plan.real} unknown;\nstatic volatile int undecided;\n"
