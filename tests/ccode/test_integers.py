@@ -44,6 +44,47 @@ def pair():
     return connect("pair", wires, latch=latch, hold=every(hold, 3))
 
 
+@step(
+    period=0.01, mode=Output("enum", "where it is", values=("rest", "run", "stop")),
+    y=Output("1", "what it makes of it", lo=0, hi=2000),
+)  # fmt: skip
+def machine(
+    at=State("enum", 0, "where it is", values=("rest", "run", "stop")),
+    u=Input("1", "sample", lo=-1, hi=1),
+):
+    """Three modes, asked for in every way that there is."""
+    run = if_else(u < -0.3, 2, 1)
+    then = if_else(at < 0.5, if_else(u > 0.3, 1, 0), if_else(at > 1.5, if_else(u > 0.6, 0, 2), run))
+    asked = (at >= 0.5, at <= 1.5, at > 1, at > 0.5, at <= 1.5, at == 1, at != 2, at == 0.5)
+    return dict(at=then), dict(
+        mode=then, y=3 * at + sum(if_else(c, 2.0**k, 0) for k, c in enumerate(asked, 3))
+    )
+
+
+@step(period=0.01, y=Output("1", "twice of it", lo=0, hi=2))
+def follows(mode=Input("enum", "of the other", values=("rest", "run", "stop"))):
+    """Reads the mode."""
+    return {}, dict(y=if_else(mode >= 1.5, 2, mode / 2))
+
+
+@pytest.mark.second
+def test_the_state_of_a_state_machine_is_an_integer_and_bits_stay(tmp_path):
+    wires = {"machine.u": "u", "follows.mode": "machine.mode", "y": "machine.y", "z": "follows.y"}
+    whole = connect("whole", wires, machine=machine, follows=follows)
+    u = np.random.default_rng(2).uniform(-1, 1, 500)
+    report = export(whole, tmp_path, inputs={"u": u}, check=True, asked=True)
+    assert report.data["passed"]
+    assert all(row["absolute"] == 0 for row in report.data["signals"].values())
+    text = (tmp_path / "whole.h").read_text(encoding="utf-8")
+    assert {"at", "machine_mode"} <= _of_kind(text, "int")
+    module = report.module.compile().load()
+    for at in (0.0, 1.0, 2.0):
+        states, y = module(**{"machine.at": at, "u": 0.5})
+        same, z = whole(**{"machine.at": at, "u": 0.5})
+        assert states["machine.at"] == float(same["machine.at"])
+        assert {n: y[n] for n in ("y", "z")} == {n: float(z[n]) for n in ("y", "z")}
+
+
 def _of_kind(text: str, kind: str) -> set[str]:
     return set(re.findall(rf"^    {kind} (\w+)\b", text, re.MULTILINE))
 

@@ -10,12 +10,15 @@ from collections.abc import Iterator
 
 from slipctl.ccode.module.layout import Layout
 
+WHOLE = ("int", "unsigned int")
+"""Types of what counts."""
+
 
 def numbers_of(layout: Layout, real: str) -> str:
     """Text of the C function ``numbers_of``, which gives the numbers of what is kept."""
     rows = []
     for size, kind, place, number in _places(layout, real):
-        wide = {"bool": f"({real})({place} ? 1 : 0)", "unsigned int": f"({real}){place}"}
+        wide = {"bool": f"({real})({place} ? 1 : 0)", **dict.fromkeys(WHOLE, f"({real}){place}")}
         rows.append(_each(size, f"{number} = {wide.get(kind, place)};"))
     return _function(f"numbers_of(const struct {layout.name}_kept *kept, {real} *x)", rows)
 
@@ -25,7 +28,7 @@ def take_numbers(layout: Layout, real: str) -> str:
     rows = []
     for size, kind, place, number in _places(layout, real):
         there = f"({number} >= ({real})0) && ({number} <= ({real})1e6)"
-        whole = {"bool": f"({number} != ({real})0)",
+        whole = {"bool": f"({number} != ({real})0)", "int": f"({there}) ? (int){number} : 0",
                  "unsigned int": f"({there}) ? (unsigned int)(int){number} : 0U"}  # fmt: skip
         rows.append(_each(size, f"{place} = {whole.get(kind, number)};"))
     return _function(f"take_numbers(const {real} *x, struct {layout.name}_kept *kept)", rows)

@@ -204,7 +204,7 @@ class Layout:
 
     def _bytes(self, members: Sequence[Member], real: str, at: int) -> list[int]:
         """Where members of a struct lie that follows what ends ``at``, and where it ends."""
-        width = {"bool": 1, "unsigned int": 4, real: size(real)}
+        width = {"bool": 1, "int": 4, "unsigned int": 4, real: size(real)}
         widths = [width[self.kind(m, real)] for m in members]
         most = max(widths)
         at, found = -(-at // most) * most, []

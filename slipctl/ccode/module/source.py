@@ -209,8 +209,9 @@ def _values(values: Iterable[tuple[Member, Any]]) -> str:
 def _constant(m: Member, pointer: str, value: Any, kind: str = "") -> list[str]:
     """Statements that give a member a constant value."""
     flat = c_elements(m, value)
-    if kind in ("bool", "unsigned int"):
-        told = [("true" if v else "false") if kind == "bool" else f"{int(v)}U" for v in flat]
+    if kind in ("bool", "int", "unsigned int"):
+        end = "U" * (kind == "unsigned int")
+        told = [("true" if v else "false") if kind == "bool" else f"{int(v)}{end}" for v in flat]
         if m.size > 2 and len(set(told)) == 1:
             return [f"for (int k = 0; k < {m.size}; ++k) {{ {pointer}{m.c}[k] = {told[0]}; }}"]
         return [f"{m.at(pointer, k)} = {v};" for k, v in enumerate(told)]

@@ -1,12 +1,14 @@
-"""What is 0 or 1 in the model, whatever happens, as true or false in C; counters as integers.
+"""What is 0 or 1 in the model, whatever happens, as true or false in C; what counts as integers.
 
 That is found in the statements themselves: all that a member is ever given is 0, 1, a choice of
 such numbers, or another such member. So no value is lost, and every other number keeps its bits.
-A counter of ticks is given whole numbers and one more than itself, and compared with some.
+A state of a state machine is given whole numbers, or what a ``switch`` has chosen. A counter of
+ticks is given whole numbers and one more than itself, and compared with some.
 """
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -37,13 +39,29 @@ class _Known:
         members: of ``now`` and of what is kept: the struct, and the name.
         arrays: those of them that are arrays.
         counts: counters of ticks, members of what is kept.
+        modes: members that hold the state of a state machine.
         local: constants.
+        whole: constants that are the state of a state machine.
     """
 
     members: set[tuple[str, str]]
+    modes: set[tuple[str, str]]
     arrays: frozenset[tuple[str, str]]
     counts: frozenset[tuple[str, str]]
     local: set[str] = field(default_factory=set)
+    whole: set[str] = field(default_factory=set)
+
+    def look_at(self, body: Node) -> None:
+        """Find the constants of a function."""
+        made = [(n.constant, c.value(n)) for n in body.walk() if n.constant and "double" in n.head]
+        for attribute, fits in (("local", _is_truth), ("whole", _is_mode)):
+            setattr(self, attribute, {name for name, _ in made})
+            while True:
+                found: set[str] = getattr(self, attribute)
+                lost = {name for name, value in made if name in found and not fits(value, self)}
+                if not lost:
+                    break
+                setattr(self, attribute, found - lost)
 
     def has(self, n: Node) -> bool:
         """Whether a member or a constant is 0 or 1."""
@@ -67,19 +85,21 @@ def with_integers(
     """
     rows = [("now", m) for m in layout.measured]
     rows += [("kept", m) for m in layout.states if rows and _begins(m)]
-    rows = [(struct, m) for struct, m in rows if m.signal.lo >= 0 and m.signal.hi <= 1]
-    known = _Known({(struct, m.c) for struct, m in rows},
+    modes = {(struct, m.c) for struct, m in rows if m.signal.values}
+    truths = {(struct, m.c) for struct, m in rows if m.signal.lo >= 0 and m.signal.hi <= 1}
+    known = _Known(truths - modes, modes,
                    frozenset((struct, m.c) for struct, m in rows if not m.scalar),
                    frozenset(("kept", m.c) for m in counters if layout.measured))  # fmt: skip
     bodies = [*made.functions.values(), c.block(made.lines)]
     lost = {("", "")}
-    while lost and known.members:
+    while lost:
         lost = set()
         for body in bodies:
-            known.local = _constants(body, known)
-            lost |= known.members.intersection(_refuted(body, known))
+            known.look_at(body)
+            lost |= (known.members | known.modes).intersection(_refuted(body, known))
         known.members -= lost
-    if not known.members and not known.counts:
+        known.modes -= lost
+    if not known.members and not known.counts and not known.modes:
         return made, layout
     try:
         *functions, lines = [_changed(body, known) for body in bodies]
@@ -91,14 +111,17 @@ def with_integers(
         made, functions=dict(zip(made.functions, functions, strict=True)), lines=lines.parts,
         helpers=made.helpers & called,
     )  # fmt: skip
-    kinds = dict.fromkeys(known.members, "bool") | dict.fromkeys(known.counts, "unsigned int")
+    kinds = dict.fromkeys(known.members, "bool") | dict.fromkeys(known.modes, "int")
+    kinds |= dict.fromkeys(known.counts, "unsigned int")
     return new, replace(layout, kinds=kinds)
 
 
 def _begins(m: Member) -> bool:
-    """Whether a state begins as 0 or 1, whatever the parameters are."""
-    start = m.signal.value
-    return not m.signal.derived and bool(np.isin(np.asarray(start, dtype=float), (0, 1)).all())
+    """Whether a state begins as 0 or 1, or in a mode, whatever the parameters are."""
+    if m.signal.derived:
+        return False
+    start = np.asarray(m.signal.value, dtype=float)
+    return bool(m.signal.values) or bool(np.isin(start, (0, 1)).all())
 
 
 def _member(n: Node) -> tuple[str, str]:
@@ -126,23 +149,27 @@ def _is_truth(n: Node, known: _Known) -> bool:
     return known.has(n)
 
 
-def _constants(body: Node, known: _Known) -> set[str]:
-    """Constants of a function that are 0 or 1 wherever they are declared."""
-    made = [(n.constant, c.value(n)) for n in body.walk() if n.constant and "double" in n.head]
-    found = {name for name, _ in made}
-    while True:
-        known.local = found
-        lost = {name for name, value in made if name in found and not _is_truth(value, known)}
-        if not lost:
-            return found
-        found = found - lost
+def _is_mode(n: Node, known: _Known) -> bool:
+    """Whether an expression is the state of a state machine, as a whole number."""
+    if n.kind == "number":
+        return float(n.head) in range(2**15)
+    if n.kind == "choice":
+        return all(_is_mode(p, known) for p in n.parts[1:])
+    if n.kind == "paren":
+        return _is_mode(n.parts[0], known)
+    if n.kind == "name":
+        return n.head in known.whole
+    chosen = n.kind == "cast" and n.head == "double" and n.parts[0].kind == "name"
+    return chosen or _member(n) in known.modes
 
 
 def _refuted(n: Node, known: _Known, above: Node | None = None) -> Iterator[tuple[str, str]]:
     """Members that are given another number, or that something else may write."""
     to = c.target(n) if n.kind == "do" else None
-    if to is not None and (n.parts[0].head != "=" or not _is_truth(c.value(n), known)):
-        yield _member(to)
+    if to is not None:
+        fits = _is_mode if _member(to) in known.modes else _is_truth
+        if n.parts[0].head != "=" or not fits(c.value(n), known):
+            yield _member(to)
     if n.kind in ("member", "index") and above is not None and not n.text.startswith("state->"):
         whole = n.kind == "member" and above.kind != "index" and _member(n) in known.arrays
         if whole or (above.kind == "unary" and above.head == "&"):
@@ -159,7 +186,7 @@ def _changed(body: Node, known: _Known) -> Node:
 
     A constant of which the number is asked for somewhere stays a number.
     """
-    known.local = _constants(body, known)
+    known.look_at(body)
     while True:
         made = body.change(lambda n: _rule(n, known))
         asked = {
@@ -180,6 +207,8 @@ def _rule(n: Node, known: _Known) -> Node | None:
             return replace(n, head=kind, parts=(c.op(to, "=", _truth(c.value(n), known)),))
         if _member(to) in known.counts:
             return replace(n, parts=(c.op(to, "=", _whole(c.value(n), known)),))
+        if _member(to) in known.modes:
+            return replace(n, parts=(c.op(to, "=", _mode(c.value(n), known)),))
         value = c.value(n)
         if _is_truth(value, known) and any(known.has(x) for x in value.walk()):
             number = Node("choice", "", (_atom(_truth(value, known)), _YES, _NO))
@@ -195,6 +224,10 @@ def _rule(n: Node, known: _Known) -> Node | None:
         return inner if inner.kind in _ATOMS else c.paren(inner)
     if n.kind in ("member", "index") and _member(n) in known.counts:
         raise _Otherwise
+    if n.kind == "cast" and n.head == "int" and _member(n.parts[0]) in known.modes:
+        return n.parts[0]
+    if n.kind in ("member", "index") and _member(n) in known.modes:
+        return Node("cast", "double", (n,))
     if n.kind in ("name", "member", "index") and known.has(n):
         return c.paren(Node("choice", "", (n, _YES, _NO)))
     return None
@@ -211,10 +244,32 @@ def _comparison(n: Node, known: _Known) -> Node | None:
             if held[0] != held[1]:
                 return told if held[1] else _not(told)
             return _TRUE if held[0] else _FALSE
+        if _member(flag) in known.modes and number.kind == "number":
+            up = (n.head in ("<", ">=")) == (k == 0)
+            whole = math.ceil(float(number.head)) if up else math.floor(float(number.head))
+            if n.head not in ("==", "!=") or whole == float(number.head):
+                least = Node("number", str(whole))
+                return c.op(flag, n.head, least) if k == 0 else c.op(least, n.head, flag)
     if any(_member(s) in known.counts for s in sides):
         least = sides[0] == _NO and n.head == "<="  # which every integer without a sign is above
         return _TRUE if least else c.op(_whole(sides[0], known), n.head, _whole(sides[1], known))
     return None
+
+
+def _mode(n: Node, known: _Known) -> Node:
+    """What holds the state of a state machine is given, as an integer."""
+    if n.kind == "number":
+        return Node("number", str(int(float(n.head))))
+    if n.kind == "name":
+        return Node("cast", "int", (n,))
+    if n.kind == "cast":
+        return n.parts[0]
+    if n.kind == "paren":
+        return replace(n, parts=(_mode(n.parts[0], known),))
+    if n.kind == "choice":
+        asked = n.parts[0].change(lambda x: _rule(x, known))
+        return replace(n, parts=(asked, *(_mode(p, known) for p in n.parts[1:])))
+    return n
 
 
 def _whole(n: Node, known: _Known) -> Node:

@@ -124,7 +124,7 @@ def _offsets(members: Iterable[Member], width: int) -> list[int]:
 
 def _type(plan: Plan, m: Member, kind: str) -> str:
     """Type of a member, with numbers of this kind."""
-    types = {"bool": "UBYTE", "unsigned int": "ULONG"}
+    types = {"bool": "UBYTE", "int": "SLONG", "unsigned int": "ULONG"}
     return types.get(plan.layout.kind(m, plan.real), kind)
 
 

@@ -235,9 +235,10 @@ def any_results(plan: Plan, text: str) -> str:
     body = ["int k;", *(f"(void){a};" for a in given)]
     for pointer, members in (("next", lay.states), ("now", lay.signals)):
         for m in members:
-            any_ = "unknown" if lay.kind(m, plan.real) == plan.real else "(undecided != 0)"
-            if lay.kind(m, plan.real) == "unsigned int":
-                any_ = "(unsigned int)undecided"
+            any_ = {
+                plan.real: "unknown", "bool": "(undecided != 0)", "int": "undecided",
+                "unsigned int": "(unsigned int)undecided",
+            }[lay.kind(m, plan.real)]  # fmt: skip
             body += _each(m, f"{pointer}->{m.c}{'' if m.scalar else '[k]'} = {any_};")
     body += ["return 0;"] * (found[1] == "int")
     lines = with_structs(plan, "".join(f"    {line}\n" for line in body))
