@@ -343,9 +343,6 @@ def _solve(law: Block, curve: Curve, unknown: Sequence[str]) -> Solution:
     """Parameters, residuals, Jacobian by the coordinates, coordinates, and which are at a bound."""
     from scipy.optimize import least_squares
 
-    for n in unknown:
-        if law.params[n].value is None:
-            raise BadInput(f"{law.name}.{n} has no value to start from; give start={{{n!r}: ...}}")
     f = output_function(law, curve.output, unknown)
     many, count = curve.measured.size, len(unknown)
     fixed = [s.value for s in known_parameters(law, unknown)]

@@ -150,7 +150,7 @@ def time_in_name(name: str) -> tuple[int, str] | None:
     joined = "".join(parts)
     if joined not in TIMES:
         return None
-    return TIMES.index(joined), told or (IN_TIMES.get(joined, "") if joined != "s" else "s")
+    return TIMES.index(joined), told or IN_TIMES.get(joined, "")
 
 
 def is_unit_row(cells: Sequence[str], above: Sequence[str]) -> bool:

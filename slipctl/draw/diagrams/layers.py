@@ -15,14 +15,12 @@ def _order(lv: Level) -> list[str]:
     """
     boxes = [k for k, n in lv.nodes.items() if n.box]
     at = {k: i for i, k in enumerate(boxes)}
-    feeds: dict[int, int] = defaultdict(int)
     weight: dict[tuple[int, int], int] = defaultdict(int)
     early, late = [0] * len(boxes), [0] * len(boxes)
     for (a, _), ends in lv.nets.items():
         for b, _ in ends:
             if a in at and b in at:
                 weight[at[a], at[b]] += 1
-                feeds[at[a]] |= 1 << at[b]
             elif b in at:
                 early[at[b]] += 1
             elif a in at:
