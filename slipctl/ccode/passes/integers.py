@@ -248,8 +248,8 @@ def _comparison(n: Node, known: _Known) -> Node | None:
             up = (n.head in ("<", ">=")) == (k == 0)
             whole = math.ceil(float(number.head)) if up else math.floor(float(number.head))
             if n.head not in ("==", "!=") or whole == float(number.head):
-                least = Node("number", str(whole))
-                return c.op(flag, n.head, least) if k == 0 else c.op(least, n.head, flag)
+                end = Node("number", str(whole))
+                return c.op(flag, n.head, end) if k == 0 else c.op(end, n.head, flag)
     if any(_member(s) in known.counts for s in sides):
         least = sides[0] == _NO and n.head == "<="  # which every integer without a sign is above
         return _TRUE if least else c.op(_whole(sides[0], known), n.head, _whole(sides[1], known))
