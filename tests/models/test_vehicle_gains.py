@@ -204,7 +204,7 @@ def of_file(folder, name="own.toml", text=None, **choices):
         assert old in told
         (folder / "own.toml").write_text(told.replace(old, new), encoding="utf-8")
     trip = trip_files.load_trip(path)
-    return trip, {g.name: g for g in asked.gains(trip)}
+    return trip, {g.name: g for g in asked.certificates(trip).gains}
 
 
 SYSTEMS = {
@@ -275,7 +275,11 @@ def test_half_a_range_leaves_of_a_bound_what_a_file_with_it_says(tmp_path):
 @pytest.mark.parametrize(
     ("ensemble", "says"),
     [('draw = { m = "34 t" }', "ensemble.draw.m"), ('draw = { m = "1 t:2 t:3 t" }', "no range"),
-     ('scale = { peak = "1.2" }', "ensemble.scale.peak")],
+     ('scale = { peak = "1.2" }', "ensemble.scale.peak"),
+     ('draw = { m = "34 km:42 km" }', "ensemble.draw.m: .*another dimension"),
+     ('draw = { m = "34:42 t" }', "ensemble.draw.m: .*unit at one end"),
+     ('scale = { peak = "1.2:0.8 of rail.c" }', "ensemble.scale.peak: .*lower end first"),
+     ('scale = { peak = "1 t:2 t of rail.c" }', "ensemble.scale.peak: .*another dimension")],
 )  # fmt: skip
 def test_what_is_no_range_is_refused_at_its_key(tmp_path, ensemble, says):
     with pytest.raises(BadInput, match=says):
@@ -315,5 +319,5 @@ def test_the_words_say_over_what_a_bound_is(tmp_path):
 
 def test_what_has_no_certificate_says_why(tmp_path):
     trip, found = of_file(tmp_path)
-    assert asked.reasons_without_certificate(trip) == {"predictive": asked.NONE["nmpc"]}
+    assert asked.certificates(trip).uncertified == {"predictive": asked.NONE["nmpc"]}
     assert not [g for g in found.values() if g.loop in ("pid", "predictive")]

@@ -46,6 +46,7 @@ from slipctl.models.vehicle.parts import (
     SlipSpeed,
     Trip,
 )
+from slipctl.models.vehicle.parts.trip import DRAWN
 from slipctl.models.vehicle.plant import on_train
 from slipctl.models.vehicle.slip.own_law import sample_time
 from slipctl.models.vehicle.trip import best
@@ -105,10 +106,6 @@ def _half(ends: Range) -> Range:
     return (3 * lo + hi) / 4, (lo + 3 * hi) / 4
 
 
-PLACES = {"m": ("m", "plant.m", "plant.train.m"), "J": ("J",), "r": ("r",)}
-"""Numbers of the wheel whose draws are heard, by their names in a loop."""
-
-
 def ranges(trip: Trip) -> tuple[Ranges, tuple[str, ...]]:
     """Ranges of a trip's ensemble, and the names of draws that no bound hears."""
     numbers: dict[str, Range] = {}
@@ -117,20 +114,16 @@ def ranges(trip: Trip) -> tuple[Ranges, tuple[str, ...]]:
     left: list[str] = []
     drawn = trip.ensemble
     params = rail_law(trip).params
-    units = {"m": "kg", "J": "kg m^2", "r": "m"}
     for name, text in drawn.draw.items() if drawn else ():
-        own = next((k for k, names in PLACES.items() if name in names), None)
+        own = next((k for k, (_, names) in DRAWN.items() if name in names), None)
         if own is None:
             left.append(name)
             continue
-        ends = text.split(":")
-        if len(ends) != 2:
-            raise BadInput(f'ensemble.draw.{name}: {text!r} is no range; write "34 t:42 t"')
-        numbers[own] = read_range(ends[0], ends[1], units[own], f"ensemble.draw.{name}")
+        low, high = text.split(":")
+        numbers[own] = read_range(low, high, DRAWN[own][0], f"ensemble.draw.{name}")
     for name, text in drawn.scale.items() if drawn else ():
         match = FACTOR.fullmatch(text)
-        if match is None:
-            raise BadInput(f'ensemble.scale.{name}: {text!r}; write "0.8:1.2 of NAME, NAME"')
+        assert match is not None  # the parts have said so
         lo, hi = (parse_quantity(match[k], "1", f"ensemble.scale.{name}") for k in (1, 2))
         group: list[str] = []
         for place in (p.strip() for p in match[3].split(",")):

@@ -9,6 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from slipctl.block.units.number_ranges import read_range
+from slipctl.errors import BadInput
 from slipctl.models.vehicle.parts.actuator import Actuator, Lag
 from slipctl.models.vehicle.parts.controllers import (
     Controller,
@@ -33,6 +35,7 @@ from slipctl.models.vehicle.parts.rail import Track
 from slipctl.models.vehicle.parts.sensors import Fused, LargestWheel, Sensors
 from slipctl.models.vehicle.parts.vehicle import Vehicle
 from slipctl.run.measures.slide_metrics import SLIDES
+from slipctl.run.sweep.ensemble import FACTOR
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +105,29 @@ class DrawnPatches(Part):
             yield "to", f"is {self.end:g} m, they begin at {self.begin:g} m; write a larger one"
 
 
+DRAWN = {
+    "m": ("kg", ("m", "plant.m", "plant.train.m")),
+    "J": ("kg m^2", ("J",)),
+    "r": ("m", ("r",)),
+}
+"""Numbers of the wheel whose draws a certificate hears: unit, and names in a loop."""
+
+
+def faults_of_range(text: str, unit: str = "") -> Iterator[str]:
+    """What is wrong with the range of a draw, ``"34 t:42 t"``."""
+    ends = text.split(":")
+    if len(ends) != 2:
+        yield f'{text!r} is no range; write "34 t:42 t"'
+        return
+    try:
+        low, high = read_range(*ends, unit, "") if unit else map(size_of, ends)
+    except BadInput as error:
+        yield str(error).lstrip(": ")
+        return
+    if None not in (low, high) and not low < high:  # type: ignore[operator]
+        yield f"{text!r} is no range; write the lower end first"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Drawn(Part):
     """What differs from draw to draw where gains are tuned."""
@@ -114,9 +140,15 @@ class Drawn(Part):
     def misfits(self) -> Iterator[Fault]:
         """An ensemble that is empty, a range that is none."""
         for name, text in self.draw.items():
-            ends = [size_of(end) for end in str(text).split(":")]
-            if len(ends) == 2 and None not in ends and not ends[0] < ends[1]:  # type: ignore[operator]
-                yield f"draw.{name}", f"{text!r} is no range; write the lower end first"
+            unit = next((u for u, names in DRAWN.values() if name in names), "")
+            yield from ((f"draw.{name}", fault) for fault in faults_of_range(str(text), unit))
+        for name, text in self.scale.items():
+            match = FACTOR.fullmatch(str(text))
+            if match is None:
+                yield f"scale.{name}", f'{text!r} is no factor; write "0.8:1.2 of NAME, NAME"'
+            else:
+                wrong = faults_of_range(f"{match[1]}:{match[2]}", "1")
+                yield from ((f"scale.{name}", fault) for fault in wrong)
         if not (self.draw or self.scale or self.seeds or self.patches):
             yield "", "the ensemble is empty; write what differs from draw to draw, seeds = true"
 
