@@ -7,7 +7,6 @@ from contextlib import suppress
 from fractions import Fraction
 
 import casadi as ca
-import pint
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -67,6 +66,7 @@ BASE = {"meter": "m", "kilogram": "kg", "second": "s", "ampere": "A", "kelvin": 
 
 
 def test_every_name_and_prefix_agrees_with_pint():
+    pint = pytest.importorskip("pint", reason="pint, which the table is compared with, is missing")
     registry = pint.UnitRegistry()
     names = {n: n for n in (*PLAIN, *PREFIXED)} | {f"{n}s": n for n in PLAIN if len(n) > 3}
     names |= {p + n: p + n for p in PREFIXES for n in PREFIXED if p + n not in PLAIN}
