@@ -50,6 +50,7 @@ def sums(
     return dict(x=x + k * u + w**2), dict(y=x, z=[u, k])
 
 
+@pytest.mark.long
 @needs_fuzzer
 def test_any_bytes_as_inputs_and_parameters() -> None:
     """No crash, no sanitizer report, outputs in range, states finite; two at a time."""

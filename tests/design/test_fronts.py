@@ -114,7 +114,7 @@ def test_the_command_writes_the_front(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(line) == 0
     assert asked == ["distance", "torque_ripple"]
     said = capsys.readouterr().out
-    assert all(f"mean {m} of " in said for m in ("distance", "torque_ripple"))
+    assert all(f"mean {m} of 4 held-out draws" in said for m in BOTH)
     data = json.loads((tmp_path / "front.json").read_text())
     k1 = data["knee"]["gains"]["ctl.law.k1"]
     assert f'"ctl.law.k1" = "{k1!r} ' in (tmp_path / "gains.toml").read_text()

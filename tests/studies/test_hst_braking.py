@@ -112,7 +112,7 @@ def test_best_slip_within_50_ms_with_the_prior(noise, seed):
     assert off("eppfc", noise, seed)[2050:4000].max() <= 0.01
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_best_slip_without_a_prior():
     assert off("eppfc_free")[2120:4000].max() <= 0.01
     for seed in (1, 2, 3):

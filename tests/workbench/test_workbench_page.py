@@ -233,7 +233,9 @@ def test_the_browser_asked_nobody_else_and_did_not_complain(study):
                for r in study.requests)  # fmt: skip
 
 
-@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize(
+    "dark", [False, pytest.param(True, marks=pytest.mark.long)], ids=["light", "dark"]
+)
 def test_a_file_is_edited_run_and_saved(tmp_path, monkeypatch, pictures, dark):
     text = METRO.read_text(encoding="utf-8").replace('duration = "17 s"', 'duration = "1 s"')
     text = text.replace('end = "standstill" ', "# ")
