@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from slipctl.models.vehicle.contamination import patches_of_seed
-from slipctl.models.vehicle.parts import Air, Drawn, SlideProtection, Trip, number_with_unit
+from slipctl.models.vehicle.parts import Air, Constant, Drawn, SlideProtection, Trip
 from slipctl.models.vehicle.parts.plausibility import unusual_numbers
 from slipctl.models.vehicle.trip import CLEAN, case, clean_case
 from slipctl.run.roles import Signals
@@ -78,10 +78,10 @@ def parts_without_effect(trip: Trip) -> Iterator[str]:
     for k, section in enumerate(trip.rail.sections):
         if section.time is not None and section.time >= trip.duration:
             yield f"rail.sections.{k}: begins at {section.time:g} s, the run ends before"
-    until = getattr(trip.demand, "until", "")
-    found = number_with_unit(until, "s", "m") if until else ""
-    if isinstance(found, tuple) and found[1] == "s" and found[0] >= trip.duration:
-        yield f"demand.until: {until} is not before the end of the run, {trip.duration:g} s"
+    part = trip.demand
+    end = part.end if isinstance(part, Constant) else None
+    if end is not None and end[1] == "s" and end[0] >= trip.duration:
+        yield f"demand.until: {part.until} is not before the end of the run, {trip.duration:g} s"
 
 
 MAGNETS = (

@@ -46,13 +46,18 @@ class Constant(Part):
             found = " and ".join(given) if given else "none is given"
             yield "", f"a demand is one of {', '.join(names)}; {found}"
 
+    @property
+    def end(self) -> tuple[float, str] | None:
+        """When or where it ends, in s or m, with the unit; None where it does not."""
+        found = number_with_unit(self.until, "s", "m") if self.until else None
+        assert not isinstance(found, str)  # misfits have said so
+        return found
+
     def as_table(self) -> Constant | Profile:
         """The same as a table with a point at its end; itself where it does not end."""
-        if not self.until:
+        if self.end is None:
             return self
-        found = number_with_unit(self.until, "s", "m")
-        assert not isinstance(found, str)
-        end, unit = found
+        end, unit = self.end
         names = ("deceleration", "acceleration", "force")
         level = {n: (getattr(self, n), 0.0) for n in names if getattr(self, n) is not None}
         over: Literal["time", "position"] = "time" if unit == "s" else "position"

@@ -11,13 +11,7 @@ from itertools import pairwise
 
 from slipctl.errors import nearest
 from slipctl.models.vehicle.adhesion import heights_of_law, rail_law
-from slipctl.models.vehicle.parts import (
-    SlipRatio,
-    SlipSpeed,
-    ToothWheel,
-    Trip,
-    number_with_unit,
-)
+from slipctl.models.vehicle.parts import Constant, SlipRatio, SlipSpeed, ToothWheel, Trip
 from slipctl.study.resolve import load_block
 
 AXLE_LOAD = (2.5e3, 40e3)
@@ -116,10 +110,9 @@ def _short(trip: Trip) -> Iterator[str]:
     for k, patch in enumerate(layer.places if layer else ()):
         if (length := patch.end - patch.begin) < SHORT["m"]:
             yield f"rail.contamination.places.{k}: " + said.format(f"{length:.3g} m")
-    until = getattr(trip.demand, "until", "")
-    found = number_with_unit(until, "s", "m") if until else ""
-    if isinstance(found, tuple) and found[0] < SHORT[found[1]]:
-        yield "demand.until: the demand is " + said.format(f"{found[0]:.3g} {found[1]}")
+    end = trip.demand.end if isinstance(trip.demand, Constant) else None
+    if end is not None and end[0] < SHORT[end[1]]:
+        yield "demand.until: the demand is " + said.format(f"{end[0]:.3g} {end[1]}")
 
 
 def _heights(trip: Trip) -> Iterator[str]:

@@ -54,14 +54,12 @@ class _Known:
     def look_at(self, body: Node) -> None:
         """Find the constants of a function."""
         made = [(n.constant, c.value(n)) for n in body.walk() if n.constant and "double" in n.head]
-        for attribute, fits in (("local", _is_truth), ("whole", _is_mode)):
-            setattr(self, attribute, {name for name, _ in made})
-            while True:
-                found: set[str] = getattr(self, attribute)
-                lost = {name for name, value in made if name in found and not fits(value, self)}
-                if not lost:
-                    break
-                setattr(self, attribute, found - lost)
+        self.local = {name for name, _ in made}
+        self.whole = set(self.local)
+        while lost := {n for n, v in made if n in self.local and not _is_truth(v, self)}:
+            self.local -= lost
+        while lost := {n for n, v in made if n in self.whole and not _is_mode(v, self)}:
+            self.whole -= lost
 
     def has(self, n: Node) -> bool:
         """Whether a member or a constant is 0 or 1."""

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 
 message = logging.getLogger("slipctl")
 
+PAGE = "page, "
+"""How the job of a section of the page begins its name."""
+
 
 def draft_log(data: xarray.Dataset, folder: Path, loop: str) -> list[tuple[Path, Path]]:
     """Write one log, ``.nc`` (exact) and ``.csv`` (ten digits), under temporary names.
@@ -212,8 +215,7 @@ def section_jobs(results: Results) -> dict[str, Job[Any]]:
     """Sections of the page that need no run, by name; what they give goes to :func:`save_pages`."""
     from slipctl.study.report import report_page
 
-    parts = report_page.constant(results)
-    return {f"page, {name}": _section(write) for name, write in parts.items()}
+    return _sections(report_page.constant(results))
 
 
 def save_pages(
@@ -242,10 +244,9 @@ def save_pages(
     plots.load()  # once, before the processes part
     figures = figure_jobs(results, out, command)
     jobs: dict[str, Job[Any]] = {f"figure {stem}": job for stem, job in figures.items()}
-    parts = report_page.of_runs(results)
-    pages = {f"page, {name}": _section(write) for name, write in parts.items()}
     there = sections or {}
-    jobs |= pages | {n: j for n, j in section_jobs(results).items() if n not in there}
+    jobs |= _sections(report_page.of_runs(results))
+    jobs |= {n: j for n, j in section_jobs(results).items() if n not in there}
     done: dict[str, Any] = {}
     left: list[str] = []
     with closing(run_jobs(jobs, cores or Cores(1), lambda name, share: None, judged)) as outcomes:
@@ -259,7 +260,7 @@ def save_pages(
     both = {stem: done[f"figure {stem}"] for stem in figures if f"figure {stem}" in done}
     drawn = {stem: svg for stem, (svg, _) in both.items()}
     curves = {stem: live for stem, (_, live) in both.items() if live is not None}
-    texts = {n.removeprefix("page, "): t for n, t in done.items() if n.startswith("page, ")}
+    texts = {n.removeprefix(PAGE): t for n, t in done.items() if n.startswith(PAGE)}
     store.write_text(
         out / "report.html",
         report_page.page(results, judged(), drawn, command, texts, curves=curves),
@@ -267,8 +268,11 @@ def save_pages(
     return drawn
 
 
-def _section(write: Callable[[], str]) -> Job[Any]:
-    return lambda tell: write()
+def _sections(parts: Mapping[str, Callable[[], str]]) -> dict[str, Job[Any]]:
+    def job(write: Callable[[], str]) -> Job[Any]:
+        return lambda tell: write()
+
+    return {PAGE + name: job(write) for name, write in parts.items()}
 
 
 def save_stopped(
