@@ -67,6 +67,9 @@ class Cell:
         return tuple((a + b) / 2 for a, b in self.slow)
 
 
+ZERO: Range = (Fraction(0), Fraction(0))
+"""Range of a slope, a push or a distance from rest that is zero."""
+
 Make = Callable[[Fraction, Fraction], Any]
 """Makes an enclosure of two ends: an interval of decimals, or boxes."""
 
@@ -88,14 +91,20 @@ def input_enclosures(loop: SampledLoop, cell: Cell, make: Make, box: Sequence[Ra
     for name, (low, high) in zip(loop.slow, cell.slow, strict=True):
         given[f"p_{name}"] = make(low, high)
     for i, name in enumerate(loop.states):
-        low, high = box[i] if box else (Fraction(0), Fraction(0))
-        for (a, b), moves in zip(cell.slow, cell.moves, strict=True):
+        given[f"x_{name}"] = _state(cell, make, i, box[i] if box else ZERO)
+    for j, name in enumerate(loop.pushes):
+        given[f"d_{name}"] = make(*(push[j] if push else ZERO))
+    return given
+
+
+def _state(cell: Cell, make: Make, i: int, about: Range) -> Any:
+    """Enclosure of one state, which is so far from its rest."""
+    low, high = cell.rest[i] + about[0], cell.rest[i] + about[1]
+    for (a, b), moves in zip(cell.slow, cell.moves, strict=True):
+        if moves[i]:
             away = abs(moves[i]) * (b - a) / 2
             low, high = low - away, high + away
-        given[f"x_{name}"] = make(cell.rest[i] + low, cell.rest[i] + high)
-    for j, name in enumerate(loop.pushes):
-        given[f"d_{name}"] = make(*(push[j] if push else (Fraction(0), Fraction(0))))
-    return given
+    return make(low, high)
 
 
 def slope_ranges(
@@ -140,7 +149,7 @@ def residuals(loop: SampledLoop, cell: Cell, make: Make) -> list[Range]:
     for q, (name, (a, b)) in enumerate(zip(loop.slow, cell.slow, strict=True)):
         half = (b - a) / 2
         for i in range(len(loop.states)):
-            low, high = slopes.get((i, f"p_{name}"), (Fraction(0), Fraction(0)))
+            low, high = slopes.get((i, f"p_{name}"), ZERO)
             low, high = low - cell.moves[q][i], high - cell.moves[q][i]
             for j, state in enumerate(loop.states):
                 ends = slopes.get((i, f"x_{state}"))
@@ -192,13 +201,13 @@ def remainders(
         if not size:
             continue
         rows = [i for i in range(n) if (i, j) in nominal.bends]
-        parts = _in_parts(loop, cell, make, wide, pushed, j, size, rows) if rows else {}
+        parts = _in_parts(loop, cell, make, whole, j, size, rows) if rows else {}
         for i in range(n):
             wanted = (nominal.A.get((i, j)) if j < n else nominal.B.get((i, j - n))) or Fraction(0)
             if i in rows:
                 low, high = _integral(parts[i], wanted, size)
             else:
-                ends = slopes.get((i, name), (Fraction(0), Fraction(0)))
+                ends = slopes.get((i, name), ZERO)
                 most = max(abs(ends[0] - wanted), abs(ends[1] - wanted)) * size
                 low, high = -most, most
             found[i] = (found[i][0] + low, found[i][1] + high)
@@ -206,22 +215,16 @@ def remainders(
 
 
 def _in_parts(
-    loop: SampledLoop, cell: Cell, make: Make, wide: Sequence[Range], pushed: Sequence[Range],
-    j: int, size: Fraction, rows: Sequence[int],
+    loop: SampledLoop, cell: Cell, make: Make, given: Mapping[str, Any], j: int, size: Fraction,
+    rows: Sequence[int],
 ) -> dict[int, list[Range]]:  # fmt: skip
     """By row the slopes along an axis, in parts from -size to size."""
     n = len(loop.states)
-    name = f"x_{loop.states[j]}" if j < n else f"d_{loop.pushes[j - n]}"
-    given = input_enclosures(loop, cell, make, wide, pushed)
-    places = []
-    for k in range(-PARTS, PARTS):
-        part = (size * k / PARTS, size * (k + 1) / PARTS)
-        box, push = list(wide), list(pushed)
-        if j < n:
-            box[j] = part
-        else:
-            push[j - n] = part
-        places.append(input_enclosures(loop, cell, make, box, push)[name])
+    ends = [(size * k / PARTS, size * (k + 1) / PARTS) for k in range(-PARTS, PARTS)]
+    if j < n:
+        name, places = f"x_{loop.states[j]}", [_state(cell, make, j, part) for part in ends]
+    else:
+        name, places = f"d_{loop.pushes[j - n]}", [make(*part) for part in ends]
     if isinstance(places[0], Boxes):  # all parts at once
         together = Boxes(np.concatenate([p.low for p in places]),
                          np.concatenate([p.high for p in places]))  # fmt: skip
@@ -231,14 +234,14 @@ def _in_parts(
     for place in places:
         slopes_here = slope_ranges(loop, {**given, name: place}, [name])
         for i in rows:
-            found[i].append(slopes_here.get((i, name), (Fraction(0), Fraction(0))))
+            found[i].append(slopes_here.get((i, name), ZERO))
     return found
 
 
 def _ends_of_each(value: Boxes | None, many: int) -> list[Range]:
     """Ends of each of so many boxes."""
     if value is None:
-        return [(Fraction(0), Fraction(0))] * many
+        return [ZERO] * many
     low, high = np.broadcast_to(value.low, many), np.broadcast_to(value.high, many)
     if not (np.isfinite(low) & np.isfinite(high)).all():
         raise ArithmeticError("nothing bounds a slope")

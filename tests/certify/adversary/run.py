@@ -79,9 +79,9 @@ def main() -> int:
                     for i, n in enumerate(sizes)]  # fmt: skip
             for job in jobs:
                 tally.add(job.result())
+                if options.out:  # so far, should it be stopped
+                    recorded(options.out, name, {"seed": options.seed, **tally.payload()})
             false += len(tally.false_certified) + len(tally.false_refuted)
-            if options.out:
-                recorded(options.out, name, {"seed": options.seed, **tally.payload()})
             print(f"{name}: {tally.certified} CERTIFIED, {tally.refuted} REFUTED,"
                   f" {tally.undecided} UNDECIDED ({tally.share_undecided:.1%});"
                   f" false {len(tally.false_certified)} and {len(tally.false_refuted)};"
