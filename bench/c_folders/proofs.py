@@ -2,7 +2,7 @@
 
 ``python -m bench.c_folders.proofs [STUDY[:LOOP] ...] [--real double float] [--once]
 [--out FILE]`` does for each what ``slipctl c --prove`` does. Exit code 1 where something is left
-open. ``--once`` leaves out the second run, in which NaN and infinity are alarms too.
+open. ``--once`` leaves out the run in which NaN and infinity are alarms too.
 """
 
 from __future__ import annotations

@@ -12,6 +12,8 @@ import pytest
 from casadi import fmax, fmin
 
 from slipctl import Block, Input, Output, Param, State, connect, every, gated, replicate, step
+from slipctl.ccode import codegen
+from slipctl.ccode.check.proof import module_proof
 from slipctl.ccode.codegen import check
 from slipctl.ccode.module.header import header
 from slipctl.ccode.module.plan import Plan
@@ -35,10 +37,15 @@ _DECLARED = re.compile(
     params=["pid", "super_twisting", pytest.param("predictive", marks=pytest.mark.second)],
 )
 def files(request: pytest.FixtureRequest) -> dict[str, str]:
-    file = Path(vehicle.__file__).parent / "files" / "metro.toml"
-    asked = Request.read(f"{file}:{request.param}", [])
-    plan = Plan(asked.chosen[0][asked.study.controller], "metro")
+    plan = _plan(request.param)
     return {"metro.h": header(plan), **sources(plan)}
+
+
+def _plan(loop: str) -> Plan:
+    """Module of a controller of the metro."""
+    file = Path(vehicle.__file__).parent / "files" / "metro.toml"
+    asked = Request.read(f"{file}:{loop}", [])
+    return Plan(asked.chosen[0][asked.study.controller], "metro")
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +129,27 @@ def test_eva_proves_the_command_of_an_axle_whatever_its_slip_control_says(
     ).stdout  # fmt: skip
     assert re.search(r"Assertions +4 valid +0 unknown +0 invalid", said), said[-3000:]
     assert "0 alarms generated" in said
+
+
+@pytest.mark.skipif(shutil.which("frama-c") is None, reason="no Frama-C")
+@pytest.mark.parametrize(
+    "loop",
+    [pytest.param("pid", marks=pytest.mark.second),
+     pytest.param("super_twisting", marks=pytest.mark.long)],
+)  # fmt: skip
+def test_eva_proves_the_module_of_a_vehicle_file(loop: str) -> None:
+    """No run-time error and every range, for any bits on any sensor and any number of ticks."""
+    plan = _plan(loop)
+    said = module_proof.run_eva(plan, codegen.texts(plan), finite=False)
+    assert said["passed"], said
+
+
+@pytest.mark.long
+@pytest.mark.skipif(shutil.which("frama-c") is None, reason="no Frama-C")
+def test_eva_sees_an_axle_too_many_in_the_module_of_a_vehicle_file() -> None:
+    plan = _plan("pid")
+    made = {f: t.replace("axle < 4", "axle < 5") for f, t in codegen.texts(plan).items()}
+    assert module_proof.run_eva(plan, made, finite=False)["alarms"]
 
 
 def _box(most: float) -> Block:

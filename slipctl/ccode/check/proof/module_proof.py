@@ -21,6 +21,7 @@ from typing import Any
 from slipctl.ccode.check.proof import function_proof, kernel_proof
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan
+from slipctl.ccode.passes.split_step import equations_call
 from slipctl.errors import BadInput, RunFailed
 
 SECONDS = 120
@@ -29,8 +30,12 @@ SECONDS = 120
 TURNS = 256
 """Turns of a loop up to which each is told from the others."""
 
-HARNESS = "harness.c"
-"""File of the program that is analysed with the module."""
+HARNESS, GUARDS, EQUATIONS = "harness.c", "guards.c", "equations.c"
+"""Files that are analysed: steps without end, of a module whose equations give any numbers, and
+one pass of the equations."""
+
+FREE = ("-warn-special-float", "none")
+"""NaN and infinity are numbers."""
 
 _WRITTEN_OUT = {
     "(x >= lo) && (x <= hi)": "(x == x) && (x >= lo) && (x <= hi)",
@@ -76,7 +81,7 @@ def harness(plan: Plan) -> str:
     """Text of the program that is analysed: init, then steps without end."""
     n, lay = plan.name, plan.layout
     ends = _ends(plan)
-    hints = sorted({v for rows in ends.values() for row in rows for v in row})
+    hints = sorted({v for (what, _), rows in ends.items() if what != "in" for r in rows for v in r})
     body: list[str] = []
     for m in lay.inputs:
         body += _each(m, f"in.{m.c}{'' if m.scalar else '[k]'} = any;")
@@ -106,6 +111,40 @@ def harness(plan: Plan) -> str:
     return with_structs(plan, "\n".join(lines))
 
 
+def equations_harness(plan: Plan, finite: bool = False) -> str:
+    """Text of the program that is analysed: the equations once, from any state in its ranges.
+
+    A state without a range is any number. So is each input, if not ``finite``. What nobody has set
+    is unset.
+    """
+    n, lay, ends = plan.name, plan.layout, _ends(plan)
+    body: list[str] = []
+    for what, where, members in (
+        ("in", "state->guard.last.", lay.inputs), ("state", "state->kept.", lay.states)
+    ):  # fmt: skip
+        for m in members:
+            rows = ends.get((what, m.c), [None]) if finite or what == "state" else [None]
+            kind = lay.kind(m, plan.real)
+            if len(set(rows)) == 1:
+                place = f"{where}{m.c}{'' if m.scalar else '[k]'}"
+                body += _each(m, _drawn(place, kind, rows[0]))
+            else:
+                body += [_drawn(m.at(where, k), kind, row) for k, row in enumerate(rows)]
+    following = "state->next" if plan.next_in_state else "next"
+    lines = [
+        f'#include "{n}.c"', "", f"static volatile {plan.real} any;",
+        "static volatile int whole;", f"static {n}_param param;", "", "int main(void)", "{",
+        f"    {n}_state all;", f"    {n}_state *const state = &all;",
+        f"    const {n}_param *const used = &all.in_force;", f"    {lay.now} now;",
+        *[f"    struct {n}_kept next;"] * (bool(lay.states) and not plan.next_in_state),
+        "    int k;", f"    {n}_default(&param);", f"    (void){n}_init(&param, state);",
+        *(f"    {line}" for line in body),
+        *[f"    {following} = state->kept;"] * bool(plan.equations.ticks),
+        f"    (void){equations_call(plan, '&state->guard.last')};", "    return 0;", "}", "",
+    ]  # fmt: skip
+    return with_structs(plan, "\n".join(lines))
+
+
 def with_structs(plan: Plan, text: str) -> str:
     """Text of a harness in which a state of a part is a member of the struct of that part."""
     moved = {c: place for c, place in plan.layout.places.items() if c != place}
@@ -120,78 +159,80 @@ def run_eva(
 ) -> dict[str, Any]:
     """Run Eva on a module, with special floats allowed and then without.
 
+    The proof is by induction. Whatever the equations give (:func:`any_results`), the guards keep
+    every range, tick after tick. From any state in its ranges one pass of the equations
+    (:func:`equations_harness`) does nothing wrong. A module of several rates is followed as it is.
+
     Args:
         plan: the module.
         made: text of its files by name.
-        seconds: CPU time of each of the two.
-        finite: whether the second is tried.
+        seconds: CPU time of each run.
+        finite: whether NaN and infinity are taken for alarms in one more.
 
     Returns:
-        ``tool``, ``options``, ``assumptions``, ``seconds``; ``ended``: whether it came to an end;
+        ``tool``, ``options``, ``assumptions``, ``seconds``; ``ended``: whether both came to an end;
         ``alarms``: file, line, function, kind and condition of each; ``ranges``: how many are
         ``proven``, out of how many, which are ``open``, and which states and outputs have none
         (``without``), so that nothing is claimed of them; ``non_finite``: the number
-        of alarms where NaN and infinity are alarms too, of finite inputs, null if that did not end
-        or was not tried, as of a module that is proven function by function; ``functions``: how
+        of alarms of the equations where NaN and infinity are alarms too, of finite inputs, null if
+        that did not end or was not tried, as of a module that is proven function by function;
+        ``functions``: how
         many of these come to their end, of how many, each by itself (:mod:`function_proof`, and
         :mod:`kernel_proof` for CasADi's text, where each returns 0);
-        ``passed``: no alarm, and every range proven. A module that is not through in time is tried
-        once more with :func:`any_results`: then ``alarms`` and ``ranges`` are of its guards alone,
-        whatever the equations give, and ``of_guards`` is true; it has not passed.
+        ``passed``: no alarm, and every range proven. Where the guards alone came to an end
+        ``of_guards`` is true: ``alarms`` and ``ranges`` are theirs, and it has not passed.
 
     Raises:
         BadInput: Frama-C is not installed.
         RunFailed: it refuses the module.
     """
-    frama_c, n = tool(), plan.name
+    n = plan.name
     texts = {f: made[f] for f in plan.files[1:]}
-    text = texts[f"{n}.c"]
-    whole = "".join(texts.values())
-    options = _options(plan, whole)
+    options = _options(plan, "".join(texts.values()))
+    files, contracts = _with_contracts(plan, texts)
+    free = any_results(plan, files[f"{n}.c"])
+    halves = free != files[f"{n}.c"]
     with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
         folder = Path(scratch)
-        (folder / f"{n}.h").write_text(made[f"{n}.h"], encoding="utf-8")
-        files, contracts = _with_contracts(plan, texts)
-        for name, content in {**files, HARNESS: harness(plan)}.items():
+        programs = {f"{n}.h": made[f"{n}.h"], **files, HARNESS: harness(plan), GUARDS: free}
+        programs |= {EQUATIONS: equations_harness(plan)} if halves else {}
+        for name, content in programs.items():
             (folder / name).write_text(content, encoding="utf-8")
-        command = [frama_c, HARNESS, f"{n}.c", *options]
-        rows, used = _analysed(folder, [*command, "-warn-special-float", "none"], seconds)
-        if contracts and rows is not None:
-            of_it = [frama_c, kernel_proof.PROOFS, *options, "-warn-special-float", "none"]
-            more, also = _analysed(folder, of_it, seconds)
-            rows, used = None if more is None else [*rows, *more], used + also
-        of_guards = rows is None
-        if of_guards:
-            guards = any_results(plan, written_out(text))
-            (folder / f"{n}.c").write_text(guards, encoding="utf-8")
-            rows, _ = _analysed(folder, [*command, "-warn-special-float", "none"], seconds)
+        asked = [
+            [HARNESS, GUARDS],
+            *[[EQUATIONS]] * halves,
+            *[[kernel_proof.PROOFS]] * bool(contracts),
+        ]
+        found = [_analysed(folder, [tool(), *a, *options, *FREE], seconds) for a in asked]
+        ended = all(rows is not None for rows, _ in found)
         strict = None
-        if finite and not of_guards and not contracts:
-            apart = _options(plan, whole, of_input=64)
-            strictly = [*command[:3], *apart, "-warn-special-float", "non-finite"]
+        if finite and ended and halves and not contracts:
+            (folder / EQUATIONS).write_text(equations_harness(plan, True), encoding="utf-8")
+            strictly = [tool(), EQUATIONS, *options, "-warn-special-float", "non-finite"]
             strict, _ = _analysed(folder, strictly, seconds)
+    rows = [row for rows, _ in found for row in rows or []]
     claims = _claims(harness(plan))
-    good = {int(r["line"]) for r in rows or [] if r["file"] == HARNESS and _valid(r)}
+    good = {int(r["line"]) for r in rows if r["file"] == HARNESS and _valid(r)}
     open_ = list(dict.fromkeys(name for line, name in claims.items() if line not in good))
     of = len(set(claims.values()))
-    alarms = _alarms(rows or [], plan.files)
-    ended = sum(
+    alarms = _alarms(rows, plan)
+    through = sum(
         r["file"] == kernel_proof.PROOFS and r["property kind"] == "user check"
-        and r["status"] == "Valid" for r in rows or []
+        and r["status"] == "Valid" for r in rows
     )  # fmt: skip
-    said = subprocess.run([frama_c, "-version"], capture_output=True, text=True, check=False)
+    said = subprocess.run([tool(), "-version"], capture_output=True, text=True, check=False)
     return {
         "tool": f"Frama-C {said.stdout.strip()}, Eva",
-        "options": " ".join(["-warn-special-float none", *options]),
+        "options": " ".join([*FREE, *options]),
         "assumptions": list(ASSUMPTIONS),
-        "seconds": round(used, 1), "limit_seconds": seconds,
-        "ended": not of_guards,
-        "of_guards": of_guards and rows is not None,
+        "seconds": round(sum(used for _, used in found), 1), "limit_seconds": seconds,
+        "ended": ended,
+        "of_guards": not ended and found[0][0] is not None,
         "alarms": alarms,
         "ranges": {"proven": of - len(open_), "of": of, "open": open_, "without": _unclaimed(plan)},
-        "functions": {"ended": ended, "of": contracts},
-        "non_finite": None if strict is None else len(_alarms(strict, plan.files)),
-        "passed": not of_guards and not alarms and not open_ and ended == contracts,
+        "functions": {"ended": through, "of": contracts},
+        "non_finite": None if strict is None else len(_alarms(strict, plan)),
+        "passed": ended and not alarms and not open_ and through == contracts,
     }  # fmt: skip
 
 
@@ -223,7 +264,7 @@ _EQUATIONS = re.compile(r"^static (void|int) equations\((?:[^{;]*)\)\n\{\n(.*?)^
 
 
 def any_results(plan: Plan, text: str) -> str:
-    """Source of which the equations give any numbers; its lines are others.
+    """Source of which the equations give any numbers; other lines keep their numbers.
 
     What is proven of it holds whatever the equations are: it is what the guards do.
     """
@@ -235,16 +276,13 @@ def any_results(plan: Plan, text: str) -> str:
     body = ["int k;", *(f"(void){a};" for a in given)]
     for pointer, members in (("next", lay.states), ("now", lay.signals)):
         for m in members:
-            any_ = {
-                plan.real: "unknown", "bool": "(undecided != 0)", "int": "undecided",
-                "unsigned int": "(unsigned int)undecided",
-            }[lay.kind(m, plan.real)]  # fmt: skip
-            body += _each(m, f"{pointer}->{m.c}{'' if m.scalar else '[k]'} = {any_};")
+            place = f"{pointer}->{m.c}{'' if m.scalar else '[k]'}"
+            body += _each(m, f"{place} = {_any_of_kind(lay.kind(m, plan.real))};")
     body += ["return 0;"] * (found[1] == "int")
-    lines = with_structs(plan, "".join(f"    {line}\n" for line in body))
-    declared = f"static volatile {plan.real} unknown;\nstatic volatile int undecided;\n"
+    line = with_structs(plan, " ".join(body)) + "\n" * found[2].count("\n")
+    declared = f"static volatile {plan.real} any; static volatile int whole; "
     return (
-        text[: found.start()] + declared + text[found.start() : found.start(2)] + lines
+        text[: found.start()] + declared + text[found.start() : found.start(2)] + line
         + text[found.end(2) :]
     )  # fmt: skip
 
@@ -285,10 +323,11 @@ def _unclaimed(plan: Plan) -> list[str]:
 
 
 def _ends(plan: Plan) -> dict[tuple[str, str], list[tuple[float, float]]]:
-    """Range of each element of each state and output that has one, with the default parameters."""
+    """Range of each element of each number that has one, with the default parameters."""
     values = plan.block.param_values()
     found: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    for what, members in (("state", plan.layout.states), ("out", plan.layout.outputs)):
+    lay = plan.layout
+    for what, members in (("in", lay.inputs), ("state", lay.states), ("out", lay.outputs)):
         for m in filter(plan.ranged, members):
             lo, hi, *_ = plan.ends([m], values)
             found[what, m.c] = [(float(a), float(b)) for a, b in zip(lo, hi, strict=True)]
@@ -298,6 +337,27 @@ def _ends(plan: Plan) -> dict[tuple[str, str], list[tuple[float, float]]]:
 def _check(what: str, m: Member, at: str, row: tuple[float, float]) -> str:
     """A claim; hexadecimal, as a decimal number is a real one there and not the nearest double."""
     return f"/*@ check {what}_{m.c}: {row[0].hex()} <= {at} <= {row[1].hex()}; */"
+
+
+def _any_of_kind(kind: str) -> str:
+    """Any number of a kind, in C."""
+    kinds = {
+        "bool": "(whole != 0)",
+        "int": "whole",
+        "unsigned int": "(unsigned int)whole",
+    }
+    return kinds.get(kind, "any")
+
+
+def _drawn(place: str, kind: str, row: tuple[float, float] | None) -> str:
+    """A statement that makes a state any number in its range."""
+    drawn = f"{place} = {_any_of_kind(kind)};"
+    if kind == "bool" or row is None:
+        return drawn
+    integer = kind in ("int", "unsigned int")
+    low, high = (f"({kind}){int(x)}" if integer else x.hex() for x in row)
+    inside = f"({place} == {place}) && ({place} >= {low}) && ({place} <= {high})"
+    return f"{drawn} if (!({inside})) {{ {place} = {low}; }}"
 
 
 def _each(m: Member, statement: str) -> list[str]:
@@ -368,12 +428,14 @@ def _valid(row: Mapping[str, str]) -> bool:
     return row["status"] in ("Valid", "Considered valid") or "dead" in row["status"].lower()
 
 
-def _alarms(rows: Sequence[Mapping[str, str]], files: Sequence[str]) -> list[dict[str, Any]]:
+def _alarms(rows: Sequence[Mapping[str, str]], plan: Plan) -> list[dict[str, Any]]:
     """What may go wrong in the module itself; reading any number in the harness may not."""
-    own = (*files, kernel_proof.CONTRACTS, kernel_proof.PROOFS)
-    return [
-        {"file": r["file"], "line": int(r["line"]), "function": r["function"],
+    own = {f: f for f in (*plan.files, kernel_proof.CONTRACTS, kernel_proof.PROOFS)}
+    own[GUARDS] = f"{plan.name}.c"  # lines are the same
+    found = [
+        {"file": own[r["file"]], "line": int(r["line"]), "function": r["function"],
          "kind": r["property kind"], "condition": r["property"]}
         for r in rows
         if r["file"] in own and not _valid(r)
     ]  # fmt: skip
+    return [f for k, f in enumerate(found) if f not in found[:k]]
