@@ -29,7 +29,7 @@ from slipctl.ccode.module.layout import (
 )
 from slipctl.ccode.module.wires import Place, Wires
 from slipctl.ccode.passes.integers import with_integers
-from slipctl.ccode.passes.precision import check_real, round_to_real, size
+from slipctl.ccode.passes.precision import check_real, round_to_real
 from slipctl.ccode.passes.rolled_loops import roll_lines
 from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import FINITE, NUMBER, Unsupported, Writer, number
@@ -178,31 +178,6 @@ class Plan:
     def next_in_state(self) -> bool:
         """Whether the next state is put together in the state struct instead of on the stack."""
         return self.rates or sum(m.size for m in self.layout.states) > ON_STACK
-
-    @property
-    def memory_bytes(self) -> dict[str, int]:
-        """Size of each struct of the module, by its short name."""
-        lay = self.layout
-        groups = {"in": lay.inputs, "param": lay.params, "out": lay.outputs}
-        found = {k: size(self.real) * max(sum(m.size for m in g), 1) for k, g in groups.items()}
-        return found | {"state": self._state_bytes}
-
-    @property
-    def _state_bytes(self) -> int:
-        """Size of the state struct, where int has four bytes and a number is aligned to its own."""
-        lay, (_, _, sz_iw, sz_w) = self.layout, self.equations.work
-        states = lay.kept_offsets(self.real)[-1] // (whole := size(self.real))
-        held = max(sum(m.size for m in lay.outputs), 1)
-        numbers = states * (1 + self.next_in_state) + sum(m.size for m in lay.derived) + held
-        numbers += max(self.n_in, 1)  # the last good inputs
-        counts = (2 * self.n_in + 1) * bool(self.n_in) + 2 + bool(self.counters)  # of guards
-        numbers += max(sum(m.size for m in lay.params), 1)  # those in force
-        numbers += held + 2 if self.rates else 0  # a tick in hand
-        numbers += sz_w if self.work_in_state else 0
-        numbers += lay.offsets(self.real)[-1] // whole * bool(lay.measured)
-        numbers += -(-4 * counts // whole)
-        numbers += -(-8 // whole) if self.counter else 0  # two integers
-        return whole * numbers + (-(-4 * sz_iw // whole) * whole if self.work_in_state else 0)
 
     @property
     def early(self) -> list[Member]:

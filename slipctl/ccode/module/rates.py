@@ -196,16 +196,12 @@ def rate_docs(plan: Plan) -> dict[str, str]:
     return found
 
 
-def tick_struct(plan: Plan) -> list[str]:
-    """Members of the state for a tick in hand."""
-    n, real = plan.name, plan.real
-    return [
-        f"    struct {n}_tick {{",
-        f"        {n}_out now; /* outputs so far */",
-        f"        {real} done; /* groups of parts that are done, 0 where no tick is in hand */",
-        f"        {real} status; /* what the inputs gave */",
-        "    } tick; /* a tick in hand, between the steps of its rates */",
-    ]
+TICK = """struct {n}_tick {{
+        {n}_out now; /* outputs so far */
+        {real} done; /* groups of parts that are done, 0 where no tick is in hand */
+        {real} status; /* what the inputs gave */
+    }}"""
+"""Struct of a tick in hand."""
 
 
 def functions(

@@ -11,17 +11,15 @@ from __future__ import annotations
 import csv
 import os
 import re
-import shutil
-import subprocess
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from slipctl.ccode.check.proof import function_proof, kernel_proof
+from slipctl.ccode.compile.programs import find_program, run_program, scratch_folder
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan
-from slipctl.errors import BadInput, RunFailed
+from slipctl.errors import RunFailed
 
 SECONDS = 120
 """CPU time in s for a proof; a module that is not through by then is not proven."""
@@ -64,12 +62,7 @@ def tool() -> str:
     Raises:
         BadInput: not installed.
     """
-    found = shutil.which("frama-c")
-    if found is None:
-        raise BadInput(
-            "--prove needs frama-c; install it (Debian, Ubuntu: apt install frama-c-base)"
-        )
-    return found
+    return find_program("frama-c", "--prove", "frama-c-base")
 
 
 def harness(plan: Plan) -> str:
@@ -148,12 +141,9 @@ def run_eva(
     text = texts[f"{n}.c"]
     whole = "".join(texts.values())
     options = _options(plan, whole)
-    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-        folder = Path(scratch)
-        (folder / f"{n}.h").write_text(made[f"{n}.h"], encoding="utf-8")
-        files, contracts = _with_contracts(plan, texts)
-        for name, content in {**files, HARNESS: harness(plan)}.items():
-            (folder / name).write_text(content, encoding="utf-8")
+    files, contracts = _with_contracts(plan, texts)
+    whole_folder = {f"{n}.h": made[f"{n}.h"], **files, HARNESS: harness(plan)}
+    with scratch_folder(whole_folder) as folder:
         command = [frama_c, HARNESS, f"{n}.c", *options]
         rows, used = _analysed(folder, [*command, "-warn-special-float", "none"], seconds)
         if contracts and rows is not None:
@@ -179,7 +169,7 @@ def run_eva(
         r["file"] == kernel_proof.PROOFS and r["property kind"] == "user check"
         and r["status"] == "Valid" for r in rows or []
     )  # fmt: skip
-    said = subprocess.run([frama_c, "-version"], capture_output=True, text=True, check=False)
+    said = run_program([frama_c, "-version"])
     return {
         "tool": f"Frama-C {said.stdout.strip()}, Eva",
         "options": " ".join(["-warn-special-float none", *options]),
@@ -341,11 +331,8 @@ def _analysed(
     told = folder / "told.csv"
     told.unlink(missing_ok=True)
     before = os.times()
-    done = subprocess.run(
-        ["sh", "-c", f'ulimit -t {seconds}; exec "$@"', "sh", *command, "-then", "-report",
-         "-report-csv", told.name],
-        cwd=folder, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    limited = ["sh", "-c", f'ulimit -t {seconds}; exec "$@"', "sh", *command]
+    done = run_program([*limited, "-then", "-report", "-report-csv", told.name], folder)
     after = os.times()
     used = sum(after[2:4]) - sum(before[2:4])
     if done.returncode < 0 or used >= 0.98 * seconds:  # it is told to stop, and says so itself
