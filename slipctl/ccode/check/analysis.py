@@ -107,9 +107,10 @@ def cppcheck_findings(plan: Plan, made: Mapping[str, str]) -> dict[str, Any]:
             if done.returncode:
                 raise RunFailed(f"cppcheck fails on {name}: {done.stderr.strip()[:200]}")
             found |= _findings(done.stderr)
-    kernel = _kernel_lines(made[f"{plan.name}.c"])
+    home = plan.files[1]
+    kernel = _kernel_lines(made.get(home, ""))
     for file, line, rule in sorted(found):
-        place = APART if file == f"{plan.name}.c" and line in kernel else file
+        place = APART if file == home and line in kernel else file
         misra = rule.startswith("misra-c2012-")
         (rules if misra else own).setdefault(place, Counter())[rule.rpartition("-")[2]] += 1
     ours = {file: counts for file, counts in rules.items() if file != APART}

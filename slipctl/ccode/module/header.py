@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slipctl.ccode.module import guard, rates, tick_counter
-from slipctl.ccode.module.comments import comment
+from slipctl.ccode.module.comments import comment, first_sentence
 from slipctl.ccode.module.layout import Member, change_text, noise_text, own_name, range_text
-from slipctl.ccode.module.plan import Plan, first_sentence
+from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes.precision import size
 from slipctl.ccode.passes.scratch import structs
 from slipctl.ccode.tree.expressions import number
@@ -153,10 +153,10 @@ def _about(plan: Plan) -> str:
 def memory(plan: Plan) -> str:
     """Say where the step keeps its intermediate results."""
     _, _, sz_iw, sz_w = plan.equations.work
-    if not sz_iw + sz_w:
+    if not plan.work_in_state:
         return "The step keeps its intermediate results in registers and on the stack."
-    where = f"in {plan.name}_state.work" if plan.work_in_state else "on the stack"
-    return f"Scratch memory of {size(plan.real) * sz_w + 4 * sz_iw} bytes lies {where}."
+    many = size(plan.real) * sz_w + 4 * (sz_iw + plan.can_fail)
+    return f"Scratch memory of {many} bytes lies in {plan.name}_state.work."
 
 
 def _struct(plan: Plan, suffix: str, what: str, members: tuple[Member, ...]) -> str:
@@ -170,7 +170,6 @@ def _struct(plan: Plan, suffix: str, what: str, members: tuple[Member, ...]) -> 
 
 def _state(plan: Plan) -> str:
     n, lay, real = plan.name, plan.layout, plan.real
-    _, _, sz_iw, sz_w = plan.equations.work
     lines = []
     if lay.derived:
         lines += [comment("Derived parameters, computed by init and tune.")]
@@ -197,12 +196,13 @@ def _state(plan: Plan) -> str:
     if lay.states:
         lines += _kept(plan)
     if plan.work_in_state:  # at file scope, as in C++ a struct within another is another
-        members = [f"{real} w[{sz_w}];"] * bool(sz_w) + [f"int iw[{sz_iw}];"] * bool(sz_iw)
-        whole = [f"struct {n}_work {{ {' '.join(members)} }};", ""]
-        if arrays := plan.equations.arrays:
-            what = "Arrays of functions of step, where they would take too much of the stack."
-            whole = [comment(what), *structs(arrays, f"{n}_work", real)]
-        lines += whole
+        made = plan.equations
+        _, _, sz_iw, sz_w = made.work
+        more = [f"{real} w[{w}];" for w in [sz_w - made.in_arrays] if w]
+        more += [f"int iw[{sz_iw}];"] * bool(sz_iw)
+        more += ["int failed; /* a solver did not come to its end */"] * plan.can_fail
+        what = "Arrays of functions of step, where they would take too much of the stack."
+        lines += [comment(what), *structs(made.arrays, f"{n}_work", real, more)]
     if lay.measured:
         told = "What the parts of a tick give: the outputs, and measurements beside them."
         lines += [comment(told), f"{lay.now} {{"]
@@ -234,6 +234,7 @@ def state_members(plan: Plan) -> list[StateMember]:
     counts = (2 * plan.n_in + 1) * bool(plan.n_in) + 2 + bool(plan.counters)
     measured = lay.offsets(real)[-1] if lay.measured else 0
     guards = width * max(plan.n_in, 1) + 4 * counts
+    work = width * sz_w + 4 * (sz_iw + plan.can_fail)
     struct, tick = f"struct {n}", rates.TICK.format(n=n, real=real)
     rows = (
         (lay.states, f"{struct}_kept", "kept", kept, "of the last good tick"),
@@ -244,7 +245,7 @@ def state_members(plan: Plan) -> list[StateMember]:
         (lay.measured, lay.now, "measured", measured, "of the last good step"),
         (True, f"{struct}_guard", "guard", guards, "what the guards keep"),
         (plan.next_in_state and lay.states, f"{struct}_kept", "next", kept, "scratch of step"),
-        (plan.work_in_state, f"{struct}_work", "work", width * sz_w + 4 * sz_iw, "scratch of step"),
+        (plan.work_in_state, f"{struct}_work", "work", work, "scratch of step"),
         (plan.rates, tick, "tick", held + 2 * width,
          "a tick in hand, between the steps of its rates"),
         (plan.counter, tick_counter.COUNTER, "counter", 8, ""),

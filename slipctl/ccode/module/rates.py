@@ -45,9 +45,9 @@ def groups(plan: Plan) -> tuple[Group, ...]:
         BadInput: all parts have one rate, or the controller is not written by parts.
     """
     made = plan.equations
-    if not made.functions or plan.block.composition.split:
+    if made.static:
         raise BadInput(
-            f"--rates: {plan.block.name} is written as a whole, not part by part; leave it out"
+            f"--rates: {plan.block.name} has a solver of CasADi, which may fail; leave it out"
         )
     rates = [made.ticks.get(called_function(line), 1) for line in made.lines]
     if set(rates) <= {1}:

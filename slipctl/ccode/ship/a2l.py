@@ -16,10 +16,10 @@ import math
 from collections.abc import Iterable
 
 from slipctl.ccode.module import guard
-from slipctl.ccode.module.comments import ascii_text
+from slipctl.ccode.module.comments import ascii_text, first_sentence
 from slipctl.ccode.module.header import CONTENT, place_in_state, statuses
 from slipctl.ccode.module.layout import Member, places_of
-from slipctl.ccode.module.plan import Plan, first_sentence
+from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes.precision import size
 from slipctl.ccode.tree.expressions import number
 

@@ -12,9 +12,9 @@ from slipctl.block.block import Block
 from slipctl.block.units import unit_algebra
 from slipctl.ccode.compile.files import start_elements
 from slipctl.ccode.compile.template import fill_template
-from slipctl.ccode.module.comments import ascii_text
+from slipctl.ccode.module.comments import ascii_text, first_sentence
 from slipctl.ccode.module.layout import Member, c_elements
-from slipctl.ccode.module.plan import Plan, first_sentence
+from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.tree.expressions import number
 
 DISPLAY = {

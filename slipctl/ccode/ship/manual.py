@@ -6,9 +6,10 @@ from slipctl.block.text.failures import FAILURE_HEAD, failures_of
 from slipctl.ccode.compile.board import EMULATOR, TARGETS, TOOLS
 from slipctl.ccode.compile.files import TOOLCHAIN
 from slipctl.ccode.compile.template import fill_template
+from slipctl.ccode.module.comments import first_sentence
 from slipctl.ccode.module.header import CONTENT, memory, statuses
 from slipctl.ccode.module.layout import Member, c_elements
-from slipctl.ccode.module.plan import Plan, first_sentence
+from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.module.rates import groups
 from slipctl.ccode.ship.readable import table
 from slipctl.ccode.tree.expressions import number
@@ -65,10 +66,8 @@ def _shared(plan: Plan) -> list[list[Member]]:
 
 
 def _idle(plan: Plan) -> list[str]:
-    """Parameters that no equation and no start value reads, as far as the equations are ours."""
+    """Parameters that no equation and no start value reads, as far as they can be seen."""
     lay, made = plan.layout, plan.equations
-    if made.entry:
-        return []
     nodes = [*made.lines, *made.results.values(), *made.functions.values()]
     nodes += plan.start_lines(lay.derived, 0, "now.")
     nodes += plan.start_lines(lay.states, len(lay.derived), "state->")

@@ -189,9 +189,11 @@ def _with_contracts(plan: Plan, texts: Mapping[str, str]) -> tuple[dict[str, str
     """Text to prove by name, and how many functions are proven each by itself where that is so."""
     n = plan.name
     files = {f: written_out(t) for f, t in texts.items()}
-    if kernel_proof.has_kernel(texts[f"{n}.c"]):
-        work = plan.equations.work[2:]
-        found, contracts = kernel_proof.text_with_contracts(n, files[f"{n}.c"], plan.real, work)
+    if plan.equations.static:
+        home, (_, _, iw, w) = plan.files[1], plan.equations.work
+        found, contracts = kernel_proof.text_with_contracts(
+            n, home, files[home], plan.real, (iw, w - plan.equations.in_arrays)
+        )
         return files | found, contracts
     if plan.equations.arrays:
         called = plan.equations.functions
