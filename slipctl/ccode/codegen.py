@@ -7,7 +7,6 @@ block itself. What the folder holds is told in docs/c_interface.md.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -33,7 +32,8 @@ from slipctl.ccode.compile import folder as folders
 from slipctl.ccode.compile.board import board_files
 from slipctl.ccode.compile.module import CModule, input_rows
 from slipctl.ccode.compile.platforms import platforms as chosen
-from slipctl.ccode.module.header import CONTENT, header
+from slipctl.ccode.compile.programs import scratch_folder
+from slipctl.ccode.module.header import CONTENT, header, memory_bytes
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.module.source import sources
 from slipctl.ccode.passes.precision import round_to_real
@@ -265,8 +265,8 @@ def _trials(
         if not float_error.inexact("".join(made[f] for f in plan.files[1:])):
             return None
         rows = rows[:KEPT]
-    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-        return float_error.trials(plan, made, rows, params, Path(scratch), hurry)
+    with scratch_folder() as folder:
+        return float_error.trials(plan, made, rows, params, folder, hurry)
 
 
 def _on_board(target: str, plan: Plan, made: Mapping[str, str], replay: bool) -> dict[str, Any]:
@@ -331,7 +331,7 @@ def _facts(
         "choices": {k: str(v) for k, v in b.choices.items()},
         "period_s": plan.period,
         "content": content,
-        "memory_bytes": plan.memory_bytes,
+        "memory_bytes": memory_bytes(plan),
         "work": work | {"in_state": plan.work_in_state},
         "reading": measure_source(plan, {f: made[f] for f in plan.files[1:]}),
         "equations": equations(plan, {f: made[f] for f in plan.files[1:]}),

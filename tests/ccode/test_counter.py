@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -141,7 +142,7 @@ def test_by_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
 @pytest.mark.second
 @pytest.mark.skipif(
-    module_proof.shutil.which("frama-c") is None, reason="no frama-c on this machine"
+    shutil.which("frama-c") is None, reason="no frama-c on this machine"
 )
 def test_it_is_proven_with_the_rest(tmp_path: Path) -> None:
     """The harness steps by the number of the tick: any number at all."""

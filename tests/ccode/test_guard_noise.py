@@ -60,9 +60,9 @@ VALUES = st.lists(
 @given(VALUES, st.floats(0, 2), st.floats(0.01, 1))
 @settings(max_examples=200, deadline=None)
 def test_the_rule_is_noise_and_the_way_since_the_last_good_value(column, noise, change):
-    ends = (np.array([v]) for v in (-10.0, 10.0, change, noise, float(STALE)))
+    *ends, stale = (np.array([v]) for v in (-10.0, 10.0, change, noise, float(STALE)))
     rows = np.array(column)[:, np.newaxis]
-    taken, told = guard.accepted_inputs(rows, *ends, MOST, SHORT)
+    taken, told = guard.accepted_inputs(rows, ends, stale, MOST, SHORT)
     wanted, said, refused = by_hand(column, -10, 10, change, noise, 10)
     assert (told > 0).tolist() == said
     np.testing.assert_array_equal(taken[:, 0], wanted)
@@ -74,8 +74,8 @@ def test_a_value_that_is_wrong_by_more_than_noise_is_believed_when_it_could_have
     rows = np.r_[[0.0], np.full(30, 2.0)][:, np.newaxis]
     first = {}
     for change, noise in ((0.1, 0.5), (0.6, 0.0)):
-        ends = (np.array([v]) for v in (-10.0, 10.0, change, noise, 200.0))
-        taken, _ = guard.accepted_inputs(rows, *ends, MOST, PERIOD)
+        *ends, stale = (np.array([v]) for v in (-10.0, 10.0, change, noise, 200.0))
+        taken, _ = guard.accepted_inputs(rows, ends, stale, MOST, PERIOD)
         first[noise] = int(np.argmax(taken[:, 0] == 2))
     assert first == {0.5: 15, 0.0: 4}
 
@@ -87,8 +87,8 @@ def test_a_wrong_value_that_was_believed_late_is_left_as_soon(wrong, away):
     Now it is away for no longer than the wrong one was believed.
     """
     rows = np.r_[[0.0], np.full(wrong, 2.0), np.zeros(100)][:, np.newaxis]
-    ends = (np.array([v]) for v in (-10.0, 10.0, 0.1, 0.5, 200.0))
-    taken, told = guard.accepted_inputs(rows, *ends, MOST, PERIOD)
+    *ends, stale = (np.array([v]) for v in (-10.0, 10.0, 0.1, 0.5, 200.0))
+    taken, told = guard.accepted_inputs(rows, ends, stale, MOST, PERIOD)
     assert np.count_nonzero(taken[wrong + 1 :, 0]) == away
     assert np.count_nonzero(told) == min(wrong, 14) + away
     assert not told[wrong + 1 + away :].any()
@@ -97,8 +97,8 @@ def test_a_wrong_value_that_was_believed_late_is_left_as_soon(wrong, away):
 def test_a_jump_is_told_though_it_may_be_taken():
     """2 m/s there and back in two ticks: one of them is wrong, and nobody knows which."""
     rows = np.r_[[0.0], np.full(14, np.nan), 2.0, 2.1, 0.5, 0.5][:, np.newaxis]
-    ends = (np.array([v]) for v in (-10.0, 10.0, 0.1, 0.5, 200.0))
-    taken, told = guard.accepted_inputs(rows, *ends, MOST, PERIOD)
+    *ends, stale = (np.array([v]) for v in (-10.0, 10.0, 0.1, 0.5, 200.0))
+    taken, told = guard.accepted_inputs(rows, ends, stale, MOST, PERIOD)
     assert taken[15:, 0].tolist() == [2.0, 2.1, 0.5, 0.5]
     assert told[14:].tolist() == [guard.BAD_INPUT, 0, 0, guard.OFF_RANGE, 0]
 

@@ -64,8 +64,8 @@ def test_a_target_without_counted_instructions_has_an_empty_place() -> None:
 ])  # fmt: skip
 def test_a_jump_is_taken_only_where_no_change_is_declared(change, wanted) -> None:
     rows = np.array([[0.0], [0.4], [1.4], [0.8]])
-    ends = (np.array([v]) for v in (-9.0, 9.0, change, 0.0, 100.0))
-    taken, told = guard.accepted_inputs(rows, *ends, 1e30)
+    *ends, stale = (np.array([v]) for v in (-9.0, 9.0, change, 0.0, 100.0))
+    taken, told = guard.accepted_inputs(rows, ends, stale, 1e30)
     assert taken[:, 0].tolist() == wanted
     assert told.any() == (wanted[2] != 1.4)
 

@@ -8,17 +8,15 @@ we write, but for the deviations stated below.
 from __future__ import annotations
 
 import re
-import shutil
-import subprocess
-import tempfile
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
+from slipctl.ccode.compile.compilers import version
+from slipctl.ccode.compile.programs import find_program, run_program, scratch_folder
 from slipctl.ccode.module.kernel import KERNEL
 from slipctl.ccode.module.plan import Plan
-from slipctl.errors import BadInput, RunFailed
+from slipctl.errors import RunFailed
 
 _ADVISORY = """
 1.2 2.3 2.4 2.5 2.6 2.7 4.2 5.9 8.7 8.9 8.11 8.13 10.5 11.4 11.5 12.1 12.3 12.4 13.3 13.4 15.1 15.4
@@ -74,10 +72,7 @@ def tool() -> str:
     Raises:
         BadInput: not installed.
     """
-    found = shutil.which("cppcheck")
-    if found is None:
-        raise BadInput("--misra needs cppcheck; install it (Debian, Ubuntu: apt install cppcheck)")
-    return found
+    return find_program("cppcheck", "--misra", "cppcheck")
 
 
 def cppcheck_findings(plan: Plan, made: Mapping[str, str]) -> dict[str, Any]:
@@ -105,22 +100,17 @@ def cppcheck_findings(plan: Plan, made: Mapping[str, str]) -> dict[str, Any]:
     sources = [n for n in made if n.endswith(".c")]
     rules: dict[str, Counter[str]] = {}
     own: dict[str, Counter[str]] = {}
-    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-        folder = Path(scratch)
-        for name, text in made.items():
-            if name.endswith((".c", ".h")):
-                (folder / name).write_text(text, encoding="utf-8")
+    with scratch_folder({n: t for n, t in made.items() if n.endswith((".c", ".h"))}) as folder:
         found: set[tuple[str, int, str]] = set()
         for name in sources:  # one by one: example and test both have a main
-            done = subprocess.run(
-                [*command, name], cwd=folder, capture_output=True, text=True, check=False
-            )
+            done = run_program([*command, name], folder)
             if done.returncode:
                 raise RunFailed(f"cppcheck fails on {name}: {done.stderr.strip()[:200]}")
             found |= _findings(done.stderr)
-    kernel = _kernel_lines(made[f"{plan.name}.c"])
+    home = plan.files[1]
+    kernel = _kernel_lines(made.get(home, ""))
     for file, line, rule in sorted(found):
-        place = APART if file == f"{plan.name}.c" and line in kernel else file
+        place = APART if file == home and line in kernel else file
         misra = rule.startswith("misra-c2012-")
         (rules if misra else own).setdefault(place, Counter())[rule.rpartition("-")[2]] += 1
     ours = {file: counts for file, counts in rules.items() if file != APART}
@@ -134,7 +124,7 @@ def cppcheck_findings(plan: Plan, made: Mapping[str, str]) -> dict[str, Any]:
         if rule not in EXPLAINED
     )  # fmt: skip
     return {
-        "tool": _version(command[0]),
+        "tool": version(command[0]),
         "misra": {file: _ordered(c) for file, c in sorted(rules.items())},
         "cppcheck": {file: _ordered(c) for file, c in sorted(own.items())},
         "kernel_lines": len(kernel),
@@ -183,8 +173,3 @@ def _kernel_lines(text: str) -> frozenset[int]:
         if inside:
             lines.add(k)
     return frozenset(lines)
-
-
-def _version(compiler: str) -> str:
-    said = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False)
-    return said.stdout.strip()

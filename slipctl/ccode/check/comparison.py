@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -25,7 +23,8 @@ from slipctl.ccode.check.vectors.expected_outputs import (
 )
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.module import CModule
-from slipctl.ccode.module.header import bit, prototypes
+from slipctl.ccode.compile.programs import run_program, scratch_folder
+from slipctl.ccode.module.header import bit, memory_bytes, prototypes
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes.precision import round_to_real
 from slipctl.errors import BadInput, RunFailed
@@ -55,11 +54,9 @@ def compare(
     signals: dict[str, dict[str, Any]] = {}
     mask = compared_bits(plan.real)
     passed = True
-    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-        for name, text in made.items():
-            (Path(scratch) / name).write_text(text, encoding="utf-8")
+    with scratch_folder(made) as scratch:
         for compiler in used:
-            module = CModule(Path(scratch), plan).compile(compiler).load()
+            module = CModule(scratch, plan).compile(compiler).load()
             state_bytes = module.instance_bytes
             module.reset(**params)
             got = np.hstack(module.replay_rows(run.rows))
@@ -69,7 +66,7 @@ def compare(
                 for k in ("absolute", "relative", "counted"):
                     known[k] = max(known[k], differs[k])
             product = module.object_file
-            said, agreed = _own_test(plan, Path(scratch), compiler, product)
+            said, agreed = _own_test(plan, scratch, compiler, product)
             found = cc.symbols(product)
             wanted = sorted(f"{plan.name}_{f}" for f in prototypes(plan))
             clean = found is None or found["defined"] == wanted
@@ -77,18 +74,16 @@ def compare(
             clean = clean and not (doubles and plan.real == "float")
             passed = passed and faults == 0 and agreed and clean
             if not compiled:  # once is enough: these are faults of the text
-                memory_said, sound = isolation.run_sanitizers(plan, Path(scratch), compiler)
+                memory_said, sound = isolation.run_sanitizers(plan, scratch, compiler)
                 apart = {
                     "sanitizers": memory_said,
                     "two_instances_interleaved": isolation.same_beside_another(
                         module, run.rows, got, **params
                     ),
-                    "two_modules_linked": isolation.linked_twice(
-                        plan, Path(scratch), compiler, product
-                    ),
+                    "two_modules_linked": isolation.linked_twice(plan, scratch, compiler, product),
                 }
                 passed = passed and sound and all(apart.values())
-                reached = coverage.run_with_counters(plan, Path(scratch), used)
+                reached = coverage.run_with_counters(plan, scratch, used)
                 if closed_loop is not None and plan.real == "float":
                     in_loop = {"closed_loop": closed_loop(module, params)}
             compiled.append({
@@ -104,7 +99,7 @@ def compare(
             })  # fmt: skip
     largest, _ = largest_relative(signals)
     return in_loop | {
-        "memory_bytes": plan.memory_bytes | {"state": state_bytes},
+        "memory_bytes": memory_bytes(plan) | {"state": state_bytes},
         "compiled": compiled,
         "isolation": apart,
         "coverage": reached,
@@ -122,9 +117,7 @@ def _own_test(plan: Plan, folder: Path, compiler: str, product: Path) -> tuple[s
     test, program = folder / f"test_{plan.name}.o", folder / f"test_{plan.name}"
     cc.compile_object(compiler, test.with_suffix(".c"), test)
     cc.link(compiler, [product, test], program)
-    done = subprocess.run(
-        [str(program), "vectors.txt"], cwd=folder, capture_output=True, text=True, check=False
-    )
+    done = run_program([program, "vectors.txt"], folder)
     return (done.stdout.strip().splitlines() or ["no output"])[-1], done.returncode == 0
 
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import subprocess
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from slipctl.ccode.compile import compilers as cc
+from slipctl.ccode.compile.programs import run_program
 from slipctl.ccode.module.kernel import KERNEL
 from slipctl.ccode.module.plan import Plan
 
@@ -60,31 +60,18 @@ def run_with_counters(plan: Plan, folder: Path, used: Iterable[str]) -> dict[str
     tool = shutil.which(COUNTER)
     if compiler is None or tool is None:
         return {}
-    program = folder / f"covered_{n}"
-    flags = [f for f in cc.FLAGS if f not in ("-Werror", "-O2")]
-    commands = (
-        [compiler, *flags, *_WATCHED, "-c", f"{n}.c", "-o", f"covered_{n}.o"],
-        [
-            compiler,
-            *flags,
-            "--coverage",
-            f"test_{n}.c",
-            f"covered_{n}.o",
-            "-o",
-            str(program),
-            "-lm",
-        ],
-    )
-    for command in commands:
-        if subprocess.run(command, cwd=folder, capture_output=True, check=False).returncode:
+    program, counted = folder / f"covered_{n}", f"covered_{n}.o"
+    for command in (
+        [*cc.lenient_command(compiler), *_WATCHED, "-c", f"{n}.c", "-o", counted],
+        [*cc.lenient_command(compiler), "--coverage", f"test_{n}.c", counted, "-o", program, "-lm"],
+    ):
+        if run_program(command, folder).returncode:
             return {}
     for old in folder.glob("covered_*.gcda"):  # else a run adds to what one before has counted
         old.unlink()
-    subprocess.run([str(program), "vectors.txt"], cwd=folder, capture_output=True, check=False)
-    said = subprocess.run(
-        [tool, "--branch-probabilities", "--json-format", "--stdout", f"covered_{n}.gcda"],
-        cwd=folder, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    run_program([program, "vectors.txt"], folder)
+    told = [tool, "--branch-probabilities", "--json-format", "--stdout", f"covered_{n}.gcda"]
+    said = run_program(told, folder)
     files = json.loads(said.stdout or "{}").get("files", [])
     found = {f["file"]: f for f in files if f["file"] in plan.files}
     if f"{n}.c" not in found:

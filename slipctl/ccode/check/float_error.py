@@ -1,11 +1,11 @@
 """What arithmetic of float may give: a module run with roundings up, down, to zero, at random.
 
 The text of the module in float is compiled with another arithmetic in the place of float
-(rounding.hpp). In it each operation is rounded to one of the two floats beside its result. This
-is Monte Carlo arithmetic (Parker, Pierce, Eggert 2000) with random rounding; rounding always to one
-side adds what random rounding would average out, the drift of sums. The compiled float module is
-one more such run, with roundings half as large. So what the runs differ by is what it may differ
-by, through every cancellation, decision and iteration in between.
+(templates/rounding.hpp). In it each operation is rounded to one of the two floats beside its
+result. This is Monte Carlo arithmetic (Parker, Pierce, Eggert 2000) with random rounding; rounding
+always to one side adds what random rounding would average out, the drift of sums. The compiled
+float module is one more such run, with roundings half as large. So what the runs differ by is what
+it may differ by, through every cancellation, decision and iteration in between.
 
 In double every processor gives the same bits, but for exp, log and the like: mathematics libraries
 differ there by a unit in the last place. So a module in double is run with its calls of them moved
@@ -18,7 +18,6 @@ import ctypes
 import os
 import re
 import shutil
-import subprocess
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -29,6 +28,8 @@ from typing import Any
 import numpy as np
 
 from slipctl.ccode.compile.module import CModule
+from slipctl.ccode.compile.programs import first_error, missing_program, run_program
+from slipctl.ccode.compile.template import fill_template
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes.precision import MATH
 from slipctl.errors import BadInput, RunFailed
@@ -38,45 +39,12 @@ UP, DOWN, TO_ZERO, AT_RANDOM = range(4)
 RUNS = ((UP, 0), (DOWN, 0), (TO_ZERO, 0), *((AT_RANDOM, seed) for seed in range(1, 6)))
 """Rounding and seed of each run."""
 
-_ARITHMETIC = Path(__file__).with_suffix(".hpp")
-
 INEXACT = sorted(
     MATH - {"ceil", "copysign", "fabs", "fdim", "floor", "fma", "fmax", "fmin", "fmod", "frexp",
             "ldexp", "logb", "modf", "nearbyint", "nextafter", "remainder", "rint", "round",
             "scalbn", "sqrt", "trunc"}
 )  # fmt: skip
 """Functions that a mathematics library need not round correctly."""
-
-_LIBRARY = """#include <float.h>
-#include <math.h>
-#include <string.h>
-#include <time.h>
-
-static int rounding_mode;
-static unsigned rounding_state;
-
-extern "C" void rounding_choose(int mode, int seed)
-{
-    rounding_mode = mode;
-    rounding_state = 2463534242u + (unsigned)seed;
-}
-
-static double rounding_beside(double y)
-{
-    int side = 0;
-    switch (rounding_mode) {
-    case 0: side = 1; break;
-    case 1: side = -1; break;
-    case 2: side = (y > 0.0) ? -1 : 1; break;
-    default:
-        rounding_state ^= rounding_state << 13;
-        rounding_state ^= rounding_state >> 17;
-        rounding_state ^= rounding_state << 5;
-        side = (int)(rounding_state % 3u) - 1;
-    }
-    return (side == 0) ? y : nextafter(y, (side > 0) ? HUGE_VAL : -HUGE_VAL);
-}
-""" + "".join(f"#define {f}(...) rounding_beside({f}(__VA_ARGS__))\n" for f in INEXACT)
 
 
 def inexact(text: str) -> list[str]:
@@ -138,10 +106,7 @@ def compiler() -> str:
     for name in ("g++", "clang++", "c++"):
         if found := shutil.which(name):
             return found
-    raise BadInput(
-        "--check of float or on a target needs a C++ compiler for its limits; install one (Debian,"
-        " Ubuntu: apt install g++)"
-    )
+    raise missing_program("--check of float or on a target", "a C++ compiler for its limits", "g++")
 
 
 ENOUGH, AT_LEAST, SOME = 4e7, 1000, 64
@@ -176,17 +141,17 @@ def trials(
     for name in plan.files:
         (folder / name).write_text(made[name], encoding="utf-8")
     binding = CModule(folder, plan).binding
-    arithmetic = _LIBRARY if plan.real == "double" else _ARITHMETIC.read_text(encoding="utf-8")
+    arithmetic = fill_template("rounding.hpp")
+    if plan.real == "double":
+        moved = (f"#define {f}(...) rounding_beside({f}(__VA_ARGS__))" for f in INEXACT)
+        arithmetic = fill_template("other_library.hpp", moved="\n".join(moved))
     text = f'{arithmetic}\nextern "C" {{\n#include "{n}.c"\n{binding}}}\n'
     source, library = folder / "rounded.cpp", folder / f"{n}.so"
     source.write_text(text, encoding="utf-8")
-    done = subprocess.run(
-        [compiler(), "-std=c++17", "-w", "-O1", "-ffp-contract=off", "-shared", "-fPIC", "-o",
-         str(library), source.name],
-        cwd=folder, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    command = [compiler(), "-std=c++17", "-w", "-O1", "-ffp-contract=off", "-shared", "-fPIC"]
+    done = run_program([*command, "-o", library, source.name], folder)
     if done.returncode:
-        complaint = next((s for s in done.stderr.splitlines() if "error" in s), "no message")
+        complaint = first_error(done.stderr)
         raise RunFailed(f"{n} cannot be compiled with other roundings: {complaint}")
 
     def run(k: int) -> tuple[np.ndarray, np.ndarray]:

@@ -7,21 +7,24 @@ finite and in their declared ranges, states are finite. A refused tick leaves th
 from __future__ import annotations
 
 import re
-import shutil
-import subprocess
-import tempfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from slipctl.ccode.compile.compilers import version
+from slipctl.ccode.compile.programs import (
+    find_program,
+    missing_program,
+    run_program,
+    scratch_folder,
+)
 from slipctl.ccode.compile.state_numbers import numbers_of
+from slipctl.ccode.compile.template import fill_template
 from slipctl.ccode.module import guard
 from slipctl.ccode.module.layout import c_elements
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.tree.expressions import number
-from slipctl.errors import BadInput, RunFailed
+from slipctl.errors import RunFailed
 
 FLAGS = (
     "-std=c99", "-O1", "-ffp-contract=off", "-gline-tables-only",
@@ -38,134 +41,9 @@ SETTLED = 1.0
 """Seconds after the longest memory of an input after which, with good inputs, nothing may be told
 but a limit."""
 
-_HARNESS = """#include "{n}.h"
-
-#include <float.h>
-#include <math.h>
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
-
-typedef {real} real;
-
-static const double range_in[][2] = {{{range_in}}};
-static const double range_param[][2] = {{{range_param}}};
-static const double range_out[][2] = {{{range_out}}};
-static const double good[] = {{{good}}}; /* inputs of recovery */
-static const double safe_out[] = {{{safe_out}}}; /* NaN where none is stated */
-
-static const uint8_t *at;
-static size_t left;
-
-static void taken(void *to, size_t n)
-{{
-    const size_t k = (n < left) ? n : left;
-    (void)memset(to, 0, n);
-    (void)memcpy(to, at, k);
-    at += k;
-    left -= k;
-}}
-
-/* Numbers of raw bytes, or, so that many trials come past the guards, numbers in their ranges. */
-static void drawn(real *x, const double (*range)[2], int n)
-{{
-    uint8_t raw = 0;
-    int k;
-    taken(&raw, 1U);
-    for (k = 0; k < n; ++k) {{
-        if ((raw % 8U) == 0U) {{
-            taken(&x[k], sizeof(real));
-        }} else {{
-            uint16_t share = 0;
-            taken(&share, sizeof(share));
-            if (share != 0U) {{ /* 0 leaves it as it is */
-                const double part = (double)(share - 1U) / 65534.0;
-                x[k] = (real)(range[k][0] * (1.0 - part) + range[k][1] * part);
-            }}
-        }}
-    }}
-}}
-
-static void finite(const real *x, size_t n)
-{{
-    size_t k;
-    for (k = 0; k < n; ++k) {{
-        if (!(fabs((double)x[k]) <= DBL_MAX)) {{
-            abort();
-        }}
-    }}
-}}
-
-{numbers_of}int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
-
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
-{{
-    static {n}_in in;
-    static {n}_param param;
-    static {n}_state state;
-    static {n}_state before;
-    static {n}_out out;
-    int tick;
-    int k;
-    uint8_t tuned = 0;
-{numbers}    at = data;
-    left = size;
-    {n}_default(&param);
-    (void)memset(&in, 0, sizeof(in));
-    (void)memset(&state, 0, sizeof(state));
-    if ({n}_init(&param, &state) != 0) {{
-        abort(); /* the defaults are good */
-    }}
-    taken(&tuned, 1U);
-    if ((tuned % 4U) == 1U) {{
-        drawn((real *)&param, range_param, {n_param});
-        (void){n}_init(&param, &state);
-    }}
-    {finite_state}
-    for (tick = 0; (tick < {ticks}) && (left > 0U); ++tick) {{
-        int status;
-        if ((tuned % 4U) == 2U) {{
-            drawn((real *)&param, range_param, {n_param});
-            (void){n}_tune(&param, &state);
-        }}
-        drawn((real *)&in, range_in, {n_in});
-        (void)memcpy(&before, &state, sizeof(state));
-        status = {n}_step(&in, &param, &state, &out);
-        {finite_state}
-        finite((const real *)&out, {n_out});
-        for (k = 0; k < {n_out}; ++k) {{
-            const double y = (double)((const real *)&out)[k];
-            if (!(y >= range_out[k][0]) || !(y <= range_out[k][1])) {{
-                abort();
-            }}
-            if (((status & (int){big}_REFUSED) != 0) && !isnan(safe_out[k])
-                && (y != (double)(real)safe_out[k])) {{
-                abort();
-            }}
-        }}
-        if (((status & ((int){big}_REFUSED | (int){big}_RESET)) == (int){big}_REFUSED)
-            && {moved}) {{
-            abort();
-        }}
-    }}
-    if ((tuned / 4U) % {often}U == 1U) {{ /* whatever came: good inputs end every fault */
-        int status = 0;
-        {n}_default(&param);
-        if ({n}_tune(&param, &state) != 0) {{
-            abort();
-        }}
-        for (k = 0; k < {n_in}; ++k) {{
-            ((real *)&in)[k] = (real)good[k];
-        }}
-        for (tick = 0; tick < {settled}; ++tick) {{
-            status = {n}_step(&in, &param, &state, &out);
-        }}
-        if ((status & ~(int){big}_LIMITED) != 0) {{
-            abort();
-        }}
-    }}
-    return 0;
-}}
+_TRIAL = """#include <stddef.h>
+int LLVMFuzzerTestOneInput(const char *d, size_t n);
+int LLVMFuzzerTestOneInput(const char *d, size_t n) { return (d && n) ? 0 : 0; }
 """
 
 
@@ -175,25 +53,12 @@ def tool() -> str:
     Raises:
         BadInput: it is not installed, or has none.
     """
-    found = shutil.which("clang")
-    if found is not None:
-        with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-            trial = Path(scratch) / "trial.c"
-            trial.write_text(
-                "#include <stddef.h>\nint LLVMFuzzerTestOneInput(const char *d, size_t n);\n"
-                "int LLVMFuzzerTestOneInput(const char *d, size_t n)\n"
-                "{ return (d && n) ? 0 : 0; }\n",
-                encoding="utf-8",
-            )
-            command = [found, *FLAGS, str(trial), "-o", str(trial.with_suffix(""))]
-            if subprocess.run(command, capture_output=True, check=False).returncode == 0:
-                return found
-    raise BadInput(
-        "--fuzz needs clang with libFuzzer; install it (Debian, Ubuntu: apt install clang)"
-    )
-
-
-_MOVED = "(memcmp(&before.kept, &state.kept, sizeof(state.kept)) != 0)"
+    what = "clang with libFuzzer"
+    found = find_program("clang", "--fuzz", "clang", what)
+    with scratch_folder({"trial.c": _TRIAL}) as folder:
+        if run_program([found, *FLAGS, "trial.c", "-o", "trial"], folder).returncode:
+            raise missing_program("--fuzz", what, "clang")
+    return found
 
 
 def harness(plan: Plan) -> str:
@@ -224,21 +89,12 @@ def harness(plan: Plan) -> str:
     good = ", ".join(number(float(v)) for v in np.clip(values, lows, highs))
     settled = guard.memory(plan.period, plan.stale) + np.ceil(SETTLED / (plan.period or 1e-3))
     safe = ", ".join(number(plan.safe.get(m.c, np.nan)) for m in lay.outputs for _ in range(m.size))
-    kept = bool(lay.states)
-    return _HARNESS.format(
-        n=plan.name, big=lay.big, real=plan.real, ticks=TICKS,
+    return fill_template(
+        "fuzz.c",
+        **lay.words(plan.real), ticks=TICKS, often=OFTEN, settled=int(settled),
         range_in=ranges(lay.inputs, 100.0), range_param=ranges(lay.params, 1e3),
-        good=good or "0.0", often=OFTEN, settled=int(settled),
-        range_out=outs or "{0.0, 0.0}", safe_out=safe or "0.0",
-        **{
-            k: sum(m.size for m in g)
-            for k, g in (("n_in", lay.inputs), ("n_param", lay.params), ("n_out", lay.outputs))
-        },
-        numbers_of=numbers_of(lay, plan.real) * kept,
-        numbers=f"    static real numbers[{sum(m.size for m in lay.states)}];\n" * kept,
-        finite_state="numbers_of(&state.kept, numbers);\n"
-        f"    finite(numbers, {sum(m.size for m in lay.states)});" * kept,
-        moved=_MOVED if kept else "(0 != 0)",
+        range_out=outs or "{0.0, 0.0}", safe_out=safe or "0.0", good=good or "0.0",
+        numbers_of=numbers_of(lay, plan.real),
     )  # fmt: skip
 
 
@@ -263,13 +119,10 @@ def run_fuzzer(
         RunFailed: it refuses the module.
     """
     compiler, n = tool(), plan.name
-    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-        folder = Path(scratch)
-        for name in plan.files:
-            (folder / name).write_text(made[name], encoding="utf-8")
-        (folder / "fuzz.c").write_text(harness(plan), encoding="utf-8")
+    texts = {name: made[name] for name in plan.files} | {"fuzz.c": harness(plan)}
+    with scratch_folder(texts) as folder:
         command = [compiler, *FLAGS, f"{n}.c", "fuzz.c", "-o", "fuzz", "-lm"]
-        built = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        built = run_program(command, folder)
         if built.returncode:
             raise RunFailed(f"clang refuses the harness: {built.stderr.strip().splitlines()[0]}")
         longest = 2 + TICKS * (1 + 8 * sum(m.size for m in plan.layout.inputs))
@@ -278,12 +131,11 @@ def run_fuzzer(
         rng = np.random.default_rng(seed)
         for k in range(16):  # long inputs from the beginning
             (folder / "corpus" / str(k)).write_bytes(rng.bytes(longest))
-        ran = subprocess.run(
-            ["./fuzz", "corpus", f"-seed={seed}", f"-max_len={longest}",
-             f"-max_total_time={seconds}" if runs is None else f"-runs={runs}",
-             "-print_final_stats=1", "-timeout=60", "-rss_limit_mb=4096"],
-            cwd=folder, capture_output=True, text=True, check=False,
-        )  # fmt: skip
+        ends = f"-max_total_time={seconds}" if runs is None else f"-runs={runs}"
+        options = ["-print_final_stats=1", "-timeout=60", "-rss_limit_mb=4096"]
+        ran = run_program(
+            ["./fuzz", "corpus", f"-seed={seed}", f"-max_len={longest}", ends, *options], folder
+        )
         said = ran.stderr
         crash = next(folder.glob("crash-*"), None)
         done = re.findall(r"number_of_executed_units: +(\d+)", said)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,8 @@ import numpy as np
 
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.module import CModule
+from slipctl.ccode.compile.programs import run_program
+from slipctl.ccode.compile.template import fill_template
 from slipctl.ccode.module.header import prototypes
 from slipctl.ccode.module.plan import Plan
 from slipctl.errors import RunFailed
@@ -19,28 +20,6 @@ QUICK = "-O0"
 """What is only linked or watched needs no better code: the sanitizers see more without it."""
 
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-
-_TWO = """#include "{n}.h"
-
-#include <string.h>
-
-int {n}_twin_init(const {n}_param *param, {n}_state *state);
-int {n}_twin_step(const {n}_in *in, const {n}_param *param, {n}_state *state, {n}_out *out);
-
-static {n}_in in;
-static {n}_param param;
-static {n}_state a, b;
-static {n}_out x, y;
-
-int main(void)
-{{
-    int same;
-    {n}_default(&param);
-    same = {n}_init(&param, &a) == {n}_twin_init(&param, &b);
-    same = same && {n}_step(&in, &param, &a, &x) == {n}_twin_step(&in, &param, &b, &y);
-    return (same && memcmp(&x, &y, sizeof(x)) == 0) ? 0 : 1;
-}}
-"""
 
 
 def run_sanitizers(plan: Plan, folder: Path, compiler: str) -> tuple[str, bool]:
@@ -51,17 +30,18 @@ def run_sanitizers(plan: Plan, folder: Path, compiler: str) -> tuple[str, bool]:
         passes.
     """
     n, program = plan.name, folder / f"sanitized_{plan.name}"
-    flags = [f for f in cc.FLAGS if f not in ("-Werror", "-O2")]
-    made = subprocess.run(
-        [compiler, *flags, QUICK, *SANITIZERS, f"{n}.c", f"test_{n}.c", "-o", str(program),
-         "-lm"],
-        cwd=folder, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    if made.returncode:
+    command = [
+        *cc.lenient_command(compiler),
+        QUICK,
+        *SANITIZERS,
+        f"{n}.c",
+        f"test_{n}.c",
+        "-o",
+        program,
+    ]
+    if run_program([*command, "-lm"], folder).returncode:
         return f"not run, {Path(compiler).name} has no sanitizers", True
-    ran = subprocess.run(
-        [str(program), "vectors.txt"], cwd=folder, capture_output=True, text=True, check=False
-    )
+    ran = run_program([program, "vectors.txt"], folder)
     found = re.search(r"runtime error: .*|ERROR: AddressSanitizer: \S+", ran.stderr)
     if found or ran.returncode not in (0, 1):
         return (found[0] if found else f"stopped with {ran.returncode}"), False
@@ -75,7 +55,7 @@ def linked_twice(plan: Plan, folder: Path, compiler: str, product: Path) -> bool
     """
     n = plan.name
     twin, calls, program = (folder / f for f in (f"{n}_twin.o", f"{n}_two.c", f"{n}_two"))
-    calls.write_text(_TWO.format(n=n), encoding="utf-8")
+    calls.write_text(fill_template("twins.c", n=n), encoding="utf-8")
     renamed = [f"-D{n}_{f}={n}_twin_{f}" for f in prototypes(plan)]
     try:
         cc.compile_object(compiler, folder / f"{n}.c", twin, *renamed, QUICK)
@@ -83,7 +63,7 @@ def linked_twice(plan: Plan, folder: Path, compiler: str, product: Path) -> bool
         cc.link(compiler, [product, twin, calls.with_suffix(".o")], program)
     except RunFailed:
         return False
-    return subprocess.run([str(program)], check=False).returncode == 0
+    return run_program([program]).returncode == 0
 
 
 def same_beside_another(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from pathlib import Path
+
+from slipctl.ccode.compile.template import fill_template
 
 TARGETS: Mapping[str, tuple[str, ...]] = {
     "cortex-m4": ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"),
@@ -47,5 +48,4 @@ BOARD_FILES = ("cortex_m.c", "cortex_m.h", "cortex_m.ld")
 
 def board_files() -> dict[str, str]:
     """Texts of the files of the board by name."""
-    folder = Path(__file__).with_name("boards")
-    return {name: (folder / name).read_text(encoding="utf-8") for name in BOARD_FILES}
+    return {name: fill_template(name) for name in BOARD_FILES}

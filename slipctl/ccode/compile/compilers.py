@@ -6,13 +6,13 @@ import json
 import os
 import re
 import shutil
-import subprocess
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from slipctl.ccode.compile.files import OPTIMISE, WARNINGS
+from slipctl.ccode.compile.programs import run_program
 from slipctl.ccode.passes.precision import MATH
 from slipctl.errors import BadInput, RunFailed
 
@@ -50,8 +50,12 @@ def first_compiler() -> str | None:
 @lru_cache(maxsize=8)
 def version(compiler: str) -> str:
     """First line of what a compiler says of itself."""
-    said = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False)
-    return said.stdout.partition("\n")[0].strip()
+    return run_program([compiler, "--version"]).stdout.partition("\n")[0].strip()
+
+
+def lenient_command(compiler: str) -> list[str]:
+    """Command that compiles what is only watched: a warning is none of its matters."""
+    return [compiler, *(f for f in FLAGS if f not in ("-Werror", "-O2"))]
 
 
 def compile_object(compiler: str, source: Path, target: Path, *flags: str) -> None:
@@ -70,7 +74,7 @@ def link(compiler: str, objects: Sequence[Path], target: Path, *flags: str) -> N
 
 
 def _run(command: list[str], folder: Path) -> None:
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    done = run_program(command, folder)
     if done.returncode:
         silent = f"it ended with code {done.returncode} and said nothing; CC chooses a compiler"
         lines = done.stderr.strip().splitlines() or [silent]
@@ -80,24 +84,26 @@ def _run(command: list[str], folder: Path) -> None:
 
 def sizes(target: Path, tools: str = "") -> dict[str, int] | None:
     """Bytes of text, data and bss of an object file; None without binutils."""
-    tool = shutil.which(f"{tools}size")
-    if tool is None:
-        return None
-    said = subprocess.run([tool, str(target)], capture_output=True, text=True, check=False)
-    numbers = re.findall(r"^\s*(\d+)\s+(\d+)\s+(\d+)", said.stdout, flags=re.MULTILINE)
-    if not numbers:
-        return None
-    return dict(zip(("text", "data", "bss"), map(int, numbers[0]), strict=True))
+    said = _told(f"{tools}size", target) or ""
+    found = re.search(r"^\s*(\d+)\s+(\d+)\s+(\d+)", said, flags=re.MULTILINE)
+    return (
+        dict(zip(("text", "data", "bss"), map(int, found.groups()), strict=True)) if found else None
+    )
+
+
+def _told(tool: str, target: Path, *options: str) -> str | None:
+    """What a tool of binutils tells of an object file; None where it is not installed."""
+    found = shutil.which(tool)
+    return run_program([found, *options, target]).stdout if found else None
 
 
 def symbols(target: Path, tools: str = "") -> dict[str, list[str]] | None:
     """Names an object file defines for others, and names it needs; None without binutils."""
-    tool = shutil.which(f"{tools}nm")
-    if tool is None:
+    said = _told(f"{tools}nm", target, "-g")
+    if said is None:
         return None
-    said = subprocess.run([tool, "-g", str(target)], capture_output=True, text=True, check=False)
     found: dict[str, list[str]] = {"defined": [], "needed": []}
-    for line in said.stdout.splitlines():
+    for line in said.splitlines():
         kind, name = line.split()[-2:]
         found["needed" if kind in "Uw" else "defined"].append(name.lstrip("_"))
     return {k: sorted(v) for k, v in found.items()}
@@ -108,15 +114,11 @@ def code(target: Path, tools: str = "") -> dict[str, dict[str, int]] | None:
 
     None without binutils. A function that the compiler put into its callers is not among them.
     """
-    tool = shutil.which(f"{tools}nm")
-    if tool is None:
+    said = _told(f"{tools}nm", target, "--print-size", "--radix=d")
+    if said is None:
         return None
-    said = subprocess.run(
-        [tool, "--print-size", "--radix=d", str(target)], capture_output=True, text=True,
-        check=False,
-    )  # fmt: skip
     found = {}
-    for line in said.stdout.splitlines():
+    for line in said.splitlines():
         _, *rest = line.split()
         if len(rest) == 3:  # what is not defined here has no size
             found[rest[2].lstrip("_")] = {"code" if rest[1] in "tT" else "data": int(rest[0])}

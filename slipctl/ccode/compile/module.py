@@ -13,55 +13,11 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.ccode.compile.compilers import TOLD, compile_object, compilers, link
 from slipctl.ccode.compile.state_numbers import numbers_of, take_numbers
+from slipctl.ccode.compile.template import fill_template
 from slipctl.ccode.module.layout import Member, c_elements, matrix
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes.precision import size
 from slipctl.errors import BadInput, RunFailed, nearest
-
-_REPLAY = """#include "{n}.h"
-#include <time.h>
-
-int bind_sizes(int which);
-int bind_replay(int ticks, const {n}_in *in, const {n}_param *param, {n}_state *state, {n}_out *out,
-                {real} *states, int *status, const {n}_in *beside, {n}_state *other);
-void bind_numbers(const {n}_state *state, {real} *states);
-void bind_take(const {real} *states, {n}_state *state);
-
-{access}int bind_sizes(int which)
-{{
-    const size_t sizes[4] = {{
-        sizeof({n}_in), sizeof({n}_param), sizeof({n}_state), sizeof({n}_out)
-    }};
-    return (int)sizes[which];
-}}
-
-int bind_replay(int ticks, const {n}_in *in, const {n}_param *param, {n}_state *state, {n}_out *out,
-                {real} *states, int *status, const {n}_in *beside, {n}_state *other)
-{{
-    {n}_out unseen;
-    int k;
-    int bad = 0;
-    for (k = 0; k < ticks; ++k) {{
-        if (beside != 0) {{
-            (void){n}_step(&beside[k], param, other, &unseen);
-        }}
-        status[k] = {n}_step(&in[k], param, state, &out[k]);
-        bad += (status[k] != 0);
-        {keep}
-    }}
-    return bad;
-}}
-
-void bind_numbers(const {n}_state *state, {real} *states)
-{{
-    {numbers}
-}}
-
-void bind_take(const {real} *states, {n}_state *state)
-{{
-    {take}
-}}
-"""
 
 
 class CModule:
@@ -116,15 +72,8 @@ class CModule:
     def binding(self) -> str:
         """C text that replays ticks, for a library that is called from here."""
         lay, real = self._plan.layout, self._plan.real
-        texts = {"access": "", "keep": "(void)states;", "numbers": "(void)state, (void)states;"}
-        if lay.states:
-            texts = {
-                "access": f"{numbers_of(lay, real)}{take_numbers(lay, real)}",
-                "keep": f"numbers_of(&state->kept, states + k * {_size(lay.states)});",
-                "numbers": "numbers_of(&state->kept, states);",
-                "take": "take_numbers(states, &state->kept);",
-            }
-        return _REPLAY.format(n=self.name, real=real, **{"take": texts["numbers"], **texts})
+        access = numbers_of(lay, real) + take_numbers(lay, real)
+        return fill_template("bind.c", **lay.words(real), access=access)
 
     @property
     def object_file(self) -> Path:

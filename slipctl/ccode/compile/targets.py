@@ -6,10 +6,8 @@ The test replays the vectors there, counts instructions and measures the stack.
 from __future__ import annotations
 
 import re
-import shutil
 import struct
 import subprocess
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -26,31 +24,21 @@ from slipctl.ccode.compile.board import (
     TOOLS,
     machine,
 )
+from slipctl.ccode.compile.programs import (
+    find_program,
+    missing_program,
+    run_program,
+    scratch_folder,
+)
+from slipctl.ccode.compile.template import fill_template
 from slipctl.ccode.module.plan import Plan
 from slipctl.errors import BadInput, RunFailed, nearest
 
 COMPILER = f"{TOOLS}gcc"
-
+PACKAGES = "gcc-arm-none-eabi libnewlib-arm-none-eabi"
 
 WAIT = 600.0
 """Longest time in s that a replay on the board may take."""
-
-_MAIN = """#include "{n}.h"
-
-static {n}_in in;
-static {n}_param param;
-static {n}_state state;
-static {n}_out out;
-
-int main(void);
-
-int main(void)
-{{
-    {n}_default(&param);
-    return {n}_init(&param, &state) | {n}_tune(&param, &state)
-           | {n}_step(&in, &param, &state, &out);
-}}
-"""
 
 
 def tool(target: str) -> str:
@@ -62,12 +50,10 @@ def tool(target: str) -> str:
     if target not in TARGETS:
         known = TARGETS if target == "host" else ("host", *TARGETS)
         raise BadInput(f"target {target!r} is not known{nearest(target, known)}")
-    found = shutil.which(COMPILER)
-    if found is None or not _has_library(found):
-        raise BadInput(
-            f"--target {target} needs {COMPILER} with newlib; install it (Debian, Ubuntu: apt"
-            " install gcc-arm-none-eabi libnewlib-arm-none-eabi)"
-        )
+    option, what = f"--target {target}", f"{COMPILER} with newlib"
+    found = find_program(COMPILER, option, PACKAGES, what)
+    if not re.search(r"[/\\]", run_program([found, "-print-file-name=libm.a"]).stdout):
+        raise missing_program(option, what, PACKAGES)
     return found
 
 
@@ -77,13 +63,7 @@ def emulator(target: str) -> str:
     Raises:
         BadInput: it is not installed.
     """
-    found = shutil.which(EMULATOR)
-    if found is None:
-        raise BadInput(
-            f"--target {target} with --check needs {EMULATOR}; install it (Debian, Ubuntu: apt"
-            " install qemu-system-arm)"
-        )
-    return found
+    return find_program(EMULATOR, f"--target {target} with --check", EMULATOR)
 
 
 def command(target: str, program: str) -> list[str]:
@@ -142,10 +122,8 @@ def replayed_on(target: str, plan: Plan, made: Mapping[str, str]) -> dict[str, A
         RunFailed: it does not compile, or comes to no end.
     """
     n = plan.name
-    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-        folder = Path(scratch)
-        for name in (*plan.files, f"test_{n}.c", *BOARD_FILES):
-            (folder / name).write_text(made[name], encoding="utf-8")
+    texts = {name: made[name] for name in (*plan.files, f"test_{n}.c", *BOARD_FILES)}
+    with scratch_folder(texts) as folder:
         (folder / "vectors.bin").write_bytes(in_binary(made["vectors.txt"]))
         build(target, folder, [f"{n}.c", f"test_{n}.c"], "test.elf", plan.real)
         said = run([*command(target, "test.elf"), "-serial", "none", *COUNT], folder)
@@ -169,10 +147,7 @@ def replayed_on(target: str, plan: Plan, made: Mapping[str, str]) -> dict[str, A
 def run(call: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
     """Run a program on the board to its end."""
     try:
-        return subprocess.run(
-            call, cwd=folder, capture_output=True, text=True, check=False, timeout=WAIT,
-            stdin=subprocess.DEVNULL,
-        )  # fmt: skip
+        return run_program(call, folder, timeout=WAIT, stdin=subprocess.DEVNULL)
     except subprocess.TimeoutExpired:
         raise RunFailed(f"{call[0]} came to no end within {WAIT:g} s") from None
 
@@ -191,11 +166,8 @@ def compiled_for(target: str, plan: Plan, made: Mapping[str, str]) -> dict[str, 
         RunFailed: the compiler or linker refuses.
     """
     compiler, flags, n = tool(target), machine(target, plan.real), plan.name
-    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-        folder = Path(scratch)
-        for name in plan.files:
-            (folder / name).write_text(made[name], encoding="utf-8")
-        (folder / "calls.c").write_text(_MAIN.format(n=n), encoding="utf-8")
+    texts = {name: made[name] for name in plan.files} | {"calls.c": fill_template("calls.c", n=n)}
+    with scratch_folder(texts) as folder:
         objects = [folder / f"{n}.o", folder / "calls.o"]
         for o in objects:
             cc.compile_object(compiler, o.with_suffix(".c"), o, cc.TOLD, *flags)
@@ -220,10 +192,3 @@ def compiled_for(target: str, plan: Plan, made: Mapping[str, str]) -> dict[str, 
             "double_helpers": helpers,
             "passed": plan.real == "double" or not helpers,
         }
-
-
-def _has_library(compiler: str) -> bool:
-    said = subprocess.run(
-        [compiler, "-print-file-name=libm.a"], capture_output=True, text=True, check=False
-    )
-    return re.search(r"[/\\]", said.stdout) is not None

@@ -36,6 +36,11 @@ def comment(text: str, indent: str = "") -> str:
     return "\n".join([f"{indent}/* {lines[0]}", *body[:-1], *closed])
 
 
+def first_sentence(doc: str) -> str:
+    """First paragraph of a text, on one line."""
+    return " ".join(doc.strip().partition("\n\n")[0].split())
+
+
 def _reflowed(paragraph: str) -> list[str]:
     """Join the lines of running text; leave lines of equations and lists alone."""
     lines = paragraph.split("\n")

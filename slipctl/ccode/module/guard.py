@@ -6,6 +6,7 @@ written by hand, with integers for ages and bits, and compared with this one tic
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -107,10 +108,7 @@ def counter_after() -> ca.Function:
 
 def accepted_inputs(
     rows: np.ndarray,
-    lo: np.ndarray,
-    hi: np.ndarray,
-    change: np.ndarray,
-    noise: np.ndarray,
+    ends: ca.Function | Sequence[np.ndarray],
     stale: np.ndarray,
     most: float,
     period: float | None = None,
@@ -120,84 +118,40 @@ def accepted_inputs(
 
     Args:
         rows: input elements, one row per tick; anything.
-        lo, hi, change, noise, stale: of each element.
+        ends: lo, hi, change and noise of each element, or a Function of the last good inputs that
+            gives a column of each.
+        stale: of each element.
         most: the largest number.
         period: of a tick in s.
         judged: whether the block judges the element itself; None for none.
     """
-    ticks, n = rows.shape
-    taken, told = np.zeros((ticks, n)), np.zeros(ticks, dtype=int)
-    if not ticks:
-        return taken, told
-    run = _run(ticks)
-    with np.errstate(invalid="ignore", over="ignore"):
-        for k in range(n):
-            column = rows[:, k]
-            if judged is not None and judged[k]:
-                taken[:, k] = column
-                told |= np.where(np.abs(column) <= most, 0, BAD_INPUT)
-                continue
-            steps = np.abs(np.diff(column))
-            fine = (column >= lo[k]) & (column <= hi[k])
-            if fine.all() and (change[k] >= most or (steps <= noise[k] + change[k]).all()):
-                taken[:, k] = column
-                continue
-            one: Any = run(
-                ca.DM([0.0, -1.0]), column[np.newaxis, :], lo[k], hi[k], change[k], noise[k],
-                stale[k], memory(period, stale), most,
-            )  # fmt: skip
-            taken[:, k] = np.array(one[0].full())[0]
-            told |= np.array(one[1].full())[0].astype(int) % UNSURE
-    return taken, told
-
-
-def accepted_together(
-    rows: np.ndarray,
-    ends: ca.Function,
-    stale: np.ndarray,
-    most: float,
-    period: float | None,
-    judged: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """The same where ends follow the last good values of other inputs.
-
-    Args:
-        rows, stale, most, period: as of :func:`accepted_inputs`.
-        ends: from the last good inputs to lo, hi, change and noise, a column each.
-    """
-    ticks, n = rows.shape
-    if not ticks:
-        return np.zeros((0, n)), np.zeros(0, dtype=int)
+    looked = np.ones(rows.shape[1], dtype=bool)
+    if not isinstance(ends, ca.Function):  # then each element is judged by itself
+        lo, hi, change, noise = ends
+        with np.errstate(invalid="ignore", over="ignore"):
+            steps = np.abs(np.diff(rows, axis=0)) <= noise + change
+        good = ((rows >= lo) & (rows <= hi)).all(axis=0) & ((change >= most) | steps.all(axis=0))
+        looked = ~good
+    taken_, ticks, n = rows.astype(float), len(rows), int(looked.sum())
+    if not ticks or not n:
+        return taken_, np.zeros(ticks, dtype=int)
     x, value = ca.SX.sym("x", 2 * n), ca.SX.sym("value", n)
-    last, age = x[:n], x[n:]
-    gone = ca.logic_or(age < 0, age >= memory(period, stale))
+    last, age, longest = x[:n], x[n:], memory(period, stale)
+    gone = ca.logic_or(age < 0, age >= longest)
     known = ca.if_else(gone, value, last)  # before there is a good one it speaks for itself
-    columns = [ca.vertsplit(c) for c in ends(known)]
+    columns = [ca.vertsplit(c) for c in ends(known)] if isinstance(ends, ca.Function) else [
+        e[looked] for e in ends]  # fmt: skip
     found: list[Any] = [
-        accept()(value[k], last[k], age[k], *(c[k] for c in columns), stale[k],
-                 memory(period, stale), most)
-        for k in range(n)
-    ]  # fmt: skip
-    for k in [] if judged is None else np.flatnonzero(judged).tolist():
+        accept()(value[k], last[k], age[k], *(c[k] for c in columns), held, longest, most)
+        for k, held in enumerate(stale[looked])
+    ]
+    for k in [] if judged is None else np.flatnonzero(judged[looked]).tolist():
         bad = ca.logic_not(ca.fabs(value[k]) <= most)
         found[k] = (value[k], found[k][1], ca.if_else(bad, BAD_INPUT, 0))
     taken, ages, told = (ca.vertcat(*column) for column in zip(*found, strict=True))
     one = ca.Function("tick", [x, value], [ca.vertcat(taken, ages), taken, told])
     run = one.mapaccum(ticks)
-    result: Any = run(ca.DM([0.0] * n + [-1.0] * n), ca.DM(rows.T))
+    result: Any = run(ca.DM([0.0] * n + [-1.0] * n), ca.DM(rows[:, looked].T))
     bits = np.array(result[2].full()).astype(int) % UNSURE
-    return np.array(result[1].full()).T, np.bitwise_or.reduce(bits, axis=0)
-
-
-@lru_cache(maxsize=4)
-def _run(ticks: int) -> ca.Function:
-    """``accept`` over ticks: ((last, age), values, lo, hi, change, ...) to both."""
-    names = ("value", "lo", "hi", "change", "noise", "stale", "memory", "most")
-    x, (value, *rest) = ca.SX.sym("x", 2), [ca.SX.sym(n) for n in names]
-    taken, age, told = accept()(value, x[0], x[1], *rest)
-    one = ca.Function("tick", [x, value, *rest], [ca.vertcat(taken, age), taken, told])
-    X = ca.MX.sym("x", 2)
-    V = ca.MX.sym("v", 1, ticks)
-    C = [ca.MX.sym(n) for n in names[1:]]
-    _, y, t = one.mapaccum(ticks)(X, V, *[ca.repmat(c, 1, ticks) for c in C])
-    return ca.Function("accepted", [X, V, *C], [y, t])
+    taken_[:, looked] = np.array(result[1].full()).T
+    return taken_, np.bitwise_or.reduce(bits, axis=0)

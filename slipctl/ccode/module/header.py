@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import textwrap
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from slipctl.ccode.module import guard, rates, tick_counter
-from slipctl.ccode.module.comments import comment
+from slipctl.ccode.module.comments import comment, first_sentence
 from slipctl.ccode.module.layout import Member, change_text, noise_text, own_name, range_text
-from slipctl.ccode.module.plan import Plan, first_sentence
+from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes.precision import size
 from slipctl.ccode.passes.scratch import structs
 from slipctl.ccode.tree.expressions import number
@@ -153,10 +153,10 @@ def _about(plan: Plan) -> str:
 def memory(plan: Plan) -> str:
     """Say where the step keeps its intermediate results."""
     _, _, sz_iw, sz_w = plan.equations.work
-    if not sz_iw + sz_w:
+    if not plan.work_in_state:
         return "The step keeps its intermediate results in registers and on the stack."
-    where = f"in {plan.name}_state.work" if plan.work_in_state else "on the stack"
-    return f"Scratch memory of {size(plan.real) * sz_w + 4 * sz_iw} bytes lies {where}."
+    many = size(plan.real) * sz_w + 4 * (sz_iw + plan.can_fail)
+    return f"Scratch memory of {many} bytes lies in {plan.name}_state.work."
 
 
 def _struct(plan: Plan, suffix: str, what: str, members: tuple[Member, ...]) -> str:
@@ -170,7 +170,6 @@ def _struct(plan: Plan, suffix: str, what: str, members: tuple[Member, ...]) -> 
 
 def _state(plan: Plan) -> str:
     n, lay, real = plan.name, plan.layout, plan.real
-    _, _, sz_iw, sz_w = plan.equations.work
     lines = []
     if lay.derived:
         lines += [comment("Derived parameters, computed by init and tune.")]
@@ -197,12 +196,13 @@ def _state(plan: Plan) -> str:
     if lay.states:
         lines += _kept(plan)
     if plan.work_in_state:  # at file scope, as in C++ a struct within another is another
-        members = [f"{real} w[{sz_w}];"] * bool(sz_w) + [f"int iw[{sz_iw}];"] * bool(sz_iw)
-        whole = [f"struct {n}_work {{ {' '.join(members)} }};", ""]
-        if arrays := plan.equations.arrays:
-            what = "Arrays of functions of step, where they would take too much of the stack."
-            whole = [comment(what), *structs(arrays, f"{n}_work", real)]
-        lines += whole
+        made = plan.equations
+        _, _, sz_iw, sz_w = made.work
+        more = [f"{real} w[{w}];" for w in [sz_w - made.in_arrays] if w]
+        more += [f"int iw[{sz_iw}];"] * bool(sz_iw)
+        more += ["int failed; /* a solver did not come to its end */"] * plan.can_fail
+        what = "Arrays of functions of step, where they would take too much of the stack."
+        lines += [comment(what), *structs(made.arrays, f"{n}_work", real, more)]
     if lay.measured:
         told = "What the parts of a tick give: the outputs, and measurements beside them."
         lines += [comment(told), f"{lay.now} {{"]
@@ -210,26 +210,63 @@ def _state(plan: Plan) -> str:
             kind = lay.kind(m, real)
             lines += [member_comment(m, kind=kind), f"    {m.declared(kind)}"]
         lines += ["};", ""]
-    lines += [
-        comment("State: set by init, changed by step; a copy of the struct saves an instance."),
-        f"typedef struct {n}_state {{",
-    ]
-    if lay.states:
-        lines.append(f"    struct {n}_kept kept; /* of the last good tick */")
-    if lay.derived:
-        lines.append(f"    struct {n}_derived derived;")
-    lines.append(f"    {n}_param in_force; /* parameters that init or tune took last */")
-    lines.append(f"    {n}_out held; /* outputs of the last good step */")
-    if lay.measured:
-        lines.append(f"    {lay.now} measured; /* of the last good step */")
-    lines.append(f"    struct {n}_guard guard; /* what the guards keep */")
-    if plan.next_in_state:
-        lines.append(f"    struct {n}_kept next; /* scratch of step */")
-    if plan.work_in_state:
-        lines.append(f"    struct {n}_work work; /* scratch of step */")
-    lines += rates.tick_struct(plan) if plan.rates else []
-    lines += tick_counter.members() if plan.counter else []
+    what = "State: set by init, changed by step; a copy of the struct saves an instance."
+    lines += [comment(what), f"typedef struct {n}_state {{"]
+    for m in state_members(plan):
+        lines.append(f"    {m.kind} {m.name};{f' /* {m.told} */' * bool(m.told)}")
     return "\n".join([*lines, f"}} {n}_state;"])
+
+
+class StateMember(NamedTuple):
+    """A member of the state struct: its type in C, name, bytes, and what it is."""
+
+    kind: str
+    name: str
+    bytes: int
+    told: str
+
+
+def state_members(plan: Plan) -> list[StateMember]:
+    """Members of the state struct in order, where an int has four bytes."""
+    n, lay, real, width = plan.name, plan.layout, plan.real, size(plan.real)
+    sizes, (_, _, sz_iw, sz_w) = lay.words(real), plan.equations.work
+    kept, held = lay.kept_offsets(real)[-1], width * max(sizes["n_out"], 1)
+    counts = (2 * plan.n_in + 1) * bool(plan.n_in) + 2 + bool(plan.counters)
+    measured = lay.offsets(real)[-1] if lay.measured else 0
+    guards = width * max(plan.n_in, 1) + 4 * counts
+    work = width * sz_w + 4 * (sz_iw + plan.can_fail)
+    struct, tick = f"struct {n}", rates.TICK.format(n=n, real=real)
+    rows = (
+        (lay.states, f"{struct}_kept", "kept", kept, "of the last good tick"),
+        (lay.derived, f"{struct}_derived", "derived", width * sizes["n_derived"], ""),
+        (True, f"{n}_param", "in_force", width * max(sizes["n_param"], 1),
+         "parameters that init or tune took last"),
+        (True, f"{n}_out", "held", held, "outputs of the last good step"),
+        (lay.measured, lay.now, "measured", measured, "of the last good step"),
+        (True, f"{struct}_guard", "guard", guards, "what the guards keep"),
+        (plan.next_in_state and lay.states, f"{struct}_kept", "next", kept, "scratch of step"),
+        (plan.work_in_state, f"{struct}_work", "work", work, "scratch of step"),
+        (plan.rates, tick, "tick", held + 2 * width,
+         "a tick in hand, between the steps of its rates"),
+        (plan.counter, tick_counter.COUNTER, "counter", 8, ""),
+    )  # fmt: skip
+    return [
+        StateMember(kind, name, -(-many // width) * width, told)
+        for there, kind, name, many, told in rows if there
+    ]  # fmt: skip
+
+
+def place_in_state(plan: Plan, name: str) -> int:
+    """Bytes from the begin of the state to a member that it has."""
+    names = [m.name for m in state_members(plan)]
+    return sum(m.bytes for m in state_members(plan)[: names.index(name)])
+
+
+def memory_bytes(plan: Plan) -> dict[str, int]:
+    """Size of each struct of the module, by its short name."""
+    words = plan.layout.words(plan.real)
+    found = {k: size(plan.real) * max(words[f"n_{k}"], 1) for k in ("in", "param", "out")}
+    return found | {"state": sum(m.bytes for m in state_members(plan))}
 
 
 def _kept(plan: Plan) -> list[str]:

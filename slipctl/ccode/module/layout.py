@@ -175,6 +175,13 @@ class Layout:
     measured: tuple[Member, ...] = ()
     kinds: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
+    def words(self, real: str) -> dict[str, Any]:
+        """What templates say of a module: its name, type of numbers, how many there are of each."""
+        groups = {"n_in": self.inputs, "n_param": self.params, "n_derived": self.derived,
+                  "n_state": self.states, "n_out": self.outputs}  # fmt: skip
+        counts = {k: sum(m.size for m in g) for k, g in groups.items()}
+        return {"n": self.name, "big": self.big, "real": real, **counts}
+
     @property
     def signals(self) -> tuple[Member, ...]:
         """What the equations of a tick give: outputs, and what is measured beside them."""

@@ -18,7 +18,7 @@ from slipctl.block.block import Block
 from slipctl.block.connection import evaluation_order
 from slipctl.block.signals import Signal
 from slipctl.block.text.expression import read
-from slipctl.ccode.module.comments import FILE, comment, of_one_file, with_origins
+from slipctl.ccode.module.comments import FILE, comment, first_sentence, of_one_file, with_origins
 from slipctl.ccode.module.layout import LOCAL, Copy, c_name, dense_value, matrix
 from slipctl.ccode.module.wires import (
     NO_END,
@@ -30,6 +30,7 @@ from slipctl.ccode.module.wires import (
     copy_lines,
     gate_of,
     is_copies,
+    left_to_casadi,
     local_name,
     named_equations,
     own_pointers,
@@ -66,6 +67,7 @@ class Parts:
         ticks: from one run of a part to the next, where it is not 1, by its C name; of copies that
             run in different ticks it is 1.
         results: for each (C name, pointer, element), what tells that two of them are one number.
+        outside: equations that are left to CasADi's text; they are called by their own names.
     """
 
     functions: Functions
@@ -78,6 +80,7 @@ class Parts:
     known: dict[tuple[str, str, int], int] = field(default_factory=dict)
     written: Iterator[int] = field(default_factory=itertools.count)
     axes: list[str] = field(default_factory=list)
+    outside: list[ca.Function] = field(default_factory=list)
 
     # ---- composition ----------------------------------------------------------------------------
 
@@ -107,8 +110,8 @@ class Parts:
                 known = block.parts[source]
                 table = wires.outputs if port in known.outputs else wires.states
                 found = table[f"{source}.{port}"]
-                started = port not in known.outputs or self._started(found)
-                return found if started else None
+                begun = (found[0].c, found[1], 0) in self.results
+                return found if begun or port not in known.outputs else None
 
             here = f"{path}.{b}".lstrip(".")
             of_part = Wires(
@@ -127,9 +130,6 @@ class Parts:
                 b, _, port = source.partition(".")
                 table = wires.outputs if port in block.parts[b].outputs else wires.states
                 self._copy(self.lines, wires.outputs[destination], table[source])
-
-    def _started(self, place: Place) -> bool:
-        return (place[0].c, place[1], 0) in self.results
 
     def _copy(self, lines: list[Node], to: Place, source: Place) -> None:
         """Give an output the value of what stands elsewhere."""
@@ -217,7 +217,7 @@ class Parts:
         lines = self._lines(block, path, wires, outputs, last)
         lines = place_locals(name_locals(lines, c_name(path), self.functions.reserved))
         lines, file = of_one_file(lines)
-        what = f"{path or block.name}: {_first(block.doc)}" if block.doc else path or block.name
+        what = ": ".join([path or block.name, *[first_sentence(block.doc)] * bool(block.doc)])
         what += f" {FILE}{file}." if file else ""
         lines = [*own_pointers(wires, outputs, c.variables(lines)), *lines]
         names = c.variables(lines)
@@ -373,14 +373,26 @@ class Parts:
         ]  # fmt: skip
         targets = [(place, name) for place, name, *_ in chosen]
         known = [k for k in block.outputs if last and k not in outputs]  # given by a piece before
-        results += page.hidden
-        if not block.sx:
-            return self._arrays(
-                ca.Function("part", arguments, results, {"cse": True}), places, targets, page
-            )
-        results += [dense_value(block, block.outputs[k], y[k]) for k in known]
-        f = ca.Function("part", arguments, results, {"cse": True})
-        return self._scalar(f, places, targets, page, [wires.outputs[k] for k in known])
+        plain, before = list(results), self.functions.mark()
+        try:
+            if block.composition.split:  # only CasADi's text leaves what is prepared where it lies
+                raise Unsupported("a tick in two parts")
+            results += page.hidden
+            if not block.sx:
+                f = ca.Function("part", arguments, results, {"cse": True})
+                return self._arrays(f, places, targets, page)
+            results += [dense_value(block, block.outputs[k], y[k]) for k in known]
+            f = ca.Function("part", arguments, results, {"cse": True})
+            return self._scalar(f, places, targets, page, [wires.outputs[k] for k in known])
+        except Unsupported:  # a solver, say
+            self.functions.go_back(before)
+            f = ca.Function("equations", arguments, plain)
+            name = f"{block._c_name()}_{len(self.outside) + 1}"
+            left, lines = left_to_casadi(block, f, name, places, [at for at, _ in targets], wires)
+            self.outside.append(left)
+            for at, _ in targets:
+                self._forget(at)
+            return lines
 
     def _machine(self, block: Block, wires: Wires) -> list[Node]:
         """Statements of a state machine: its conditions, and a switch over its states."""
@@ -486,7 +498,3 @@ class Parts:
         return with_origins(
             lines, named_equations({(i, 0): name for i, name in free.items()}, targets, page)
         )
-
-
-def _first(doc: str) -> str:
-    return " ".join(doc.strip().partition("\n\n")[0].split())

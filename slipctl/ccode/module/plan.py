@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -15,9 +14,9 @@ from slipctl.block.block import Block
 from slipctl.block.fields import VectorNames
 from slipctl.block.transforms.asked_outputs import asked_outputs
 from slipctl.block.transforms.discretisation import counters
-from slipctl.ccode.module.kernel import Kernel, by_parts, kernel
+from slipctl.ccode.module.comments import first_sentence
+from slipctl.ccode.module.kernel import Kernel, by_parts
 from slipctl.ccode.module.layout import (
-    LOCAL,
     Layout,
     Member,
     constant,
@@ -29,17 +28,16 @@ from slipctl.ccode.module.layout import (
 )
 from slipctl.ccode.module.wires import Place, Wires
 from slipctl.ccode.passes.integers import with_integers
-from slipctl.ccode.passes.precision import check_real, round_to_real, size
+from slipctl.ccode.passes.precision import check_real, round_to_real
 from slipctl.ccode.passes.rolled_loops import roll_lines
 from slipctl.ccode.tree import nodes as c
-from slipctl.ccode.tree.expressions import FINITE, NUMBER, Unsupported, Writer, number
+from slipctl.ccode.tree.expressions import FINITE, NUMBER, Writer, number
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import code, expression
-from slipctl.ccode.tree.structure import drop_unused
 from slipctl.errors import BadInput
 
 ON_STACK = 128
-"""Numbers of scratch memory above which it lies in the state struct instead of on the stack."""
+"""Numbers of states above which the next ones are put together in the state struct."""
 
 
 class Ends(NamedTuple):
@@ -95,17 +93,8 @@ class Plan:
         self.layout: Layout = layout(self.block, name or block.name, beside)
         self.name, self.period = self.layout.name, block.period or period
         self.bound_helpers: set[str] = set()
-        try:
-            if block.composition.split:  # only CasADi's text leaves what is prepared where it lies
-                raise Unsupported("a tick in two parts")
-            made, ticks = self._by_parts(), [m for m, _ in self.counters]
-            self.equations, self.layout = with_integers(made, self.layout, ticks)
-        except Unsupported:  # a table, say; then it is one function, of what is asked for
-            self.whole, self.layout = self.block, replace(self.layout, measured=())
-            self.equations = kernel(
-                self._function(), self._argument, self._local_names(), self.docs, block.name,
-                self._can_be,
-            )  # fmt: skip
+        made, ticks = self._by_parts(), [m for m, _ in self.counters]
+        self.equations, self.layout = with_integers(made, self.layout, ticks)
 
     def _by_parts(self) -> Kernel:
         lay = self.layout
@@ -129,9 +118,8 @@ class Plan:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Names of the files of the module: header, parts if it has such, source."""
-        parts = [f"{self.name}_parts.h"] * bool(self.equations.functions)
-        return (f"{self.name}.h", *parts, f"{self.name}.c")
+        """Names of the files of the module: header, parts, source."""
+        return f"{self.name}.h", f"{self.name}_parts.h", f"{self.name}.c"
 
     @property
     def types(self) -> dict[str, str]:
@@ -154,15 +142,6 @@ class Plan:
         return found
 
     @cached_property
-    def arguments(self) -> list[tuple[Member, str]]:
-        """Struct member behind each argument of the equations, with the pointer to it."""
-        lay = self.layout
-        found = [(m, "state->") for m in lay.states] + [(m, "in->") for m in lay.inputs]
-        params = {m.name: (m, "param->") for m in lay.params}
-        params |= {m.name: (m, "derived->") for m in lay.derived}
-        return found + [params[n] for n in self.block.params]
-
-    @cached_property
     def results(self) -> list[tuple[Member, str]]:
         """Struct member behind each result of the equations, with the pointer to it."""
         lay = self.layout
@@ -171,38 +150,12 @@ class Plan:
     @property
     def work_in_state(self) -> bool:
         """Whether the scratch memory of the equations lies in the state struct."""
-        _, _, sz_iw, sz_w = self.equations.work
-        return bool(self.equations.arrays) or 2 * sz_w + sz_iw > 2 * ON_STACK
+        return bool(self.equations.arrays or self.equations.static)
 
     @property
     def next_in_state(self) -> bool:
         """Whether the next state is put together in the state struct instead of on the stack."""
         return self.rates or sum(m.size for m in self.layout.states) > ON_STACK
-
-    @property
-    def memory_bytes(self) -> dict[str, int]:
-        """Size of each struct of the module, by its short name."""
-        lay = self.layout
-        groups = {"in": lay.inputs, "param": lay.params, "out": lay.outputs}
-        found = {k: size(self.real) * max(sum(m.size for m in g), 1) for k, g in groups.items()}
-        return found | {"state": self._state_bytes}
-
-    @property
-    def _state_bytes(self) -> int:
-        """Size of the state struct, where int has four bytes and a number is aligned to its own."""
-        lay, (_, _, sz_iw, sz_w) = self.layout, self.equations.work
-        states = lay.kept_offsets(self.real)[-1] // (whole := size(self.real))
-        held = max(sum(m.size for m in lay.outputs), 1)
-        numbers = states * (1 + self.next_in_state) + sum(m.size for m in lay.derived) + held
-        numbers += max(self.n_in, 1)  # the last good inputs
-        counts = (2 * self.n_in + 1) * bool(self.n_in) + 2 + bool(self.counters)  # of guards
-        numbers += max(sum(m.size for m in lay.params), 1)  # those in force
-        numbers += held + 2 if self.rates else 0  # a tick in hand
-        numbers += sz_w if self.work_in_state else 0
-        numbers += lay.offsets(self.real)[-1] // whole * bool(lay.measured)
-        numbers += -(-4 * counts // whole)
-        numbers += -(-8 // whole) if self.counter else 0  # two integers
-        return whole * numbers + (-(-4 * sz_iw // whole) * whole if self.work_in_state else 0)
 
     @property
     def early(self) -> list[Member]:
@@ -362,7 +315,7 @@ class Plan:
     @property
     def can_fail(self) -> bool:
         """Whether the equations say if they came to an end (a solver may not)."""
-        return bool(self.equations.entry) or self.equations.calls
+        return bool(self.equations.static)
 
     @cached_property
     def untested(self) -> list[tuple[Member, str, int]]:
@@ -374,50 +327,13 @@ class Plan:
         made, found, seen = self.equations, [], set[str]()
         for i, (m, pointer) in enumerate(self.results):
             for k in range(m.size):
-                text = str(made.results.get((i, k), f"{pointer}{m.c} {k}"))
+                text = str(made.results[i, k])
                 tested = pointer == "next->" and self.ranged(m)
                 sure = (i, k) in made.finite or self.layout.kind(m, self.real) != self.real
                 if text not in seen and not sure and not tested:
                     found.append((m, pointer, k))
                 seen.add(text)
         return found
-
-    def _argument(self, i: int, k: int) -> Node:
-        member, pointer = self.arguments[i]
-        return member.node(pointer, k)
-
-    def _can_be(self, i: int, k: int) -> int:
-        """What an argument can be: the step refuses an input, init and tune what is derived."""
-        return NUMBER if self.arguments[i][1] == "param->" else FINITE
-
-    def _function(self) -> ca.Function:
-        """Equations with one argument and one result per signal, so that nothing is copied."""
-        block = self.block
-        groups = [block.symbols(role) for role in ("state", "input", "param")]
-        n, y = block.expr(groups[0], groups[1], groups[2])
-        results = [dense_value(block, s, n[k]) for k, s in block.states.items()]
-        results += [dense_value(block, s, y[k]) for k, s in block.outputs.items()]
-        arguments = [v for g in groups for v in g.values()]
-        return ca.Function(f"{block._c_name()}_step", arguments, results, {"cse": True})
-
-    def _local_names(self) -> dict[tuple[int, int], str]:
-        """Names of results inside the equations; an output carries its own."""
-        names: dict[tuple[int, int], str] = {}
-        taken: set[str] = set()
-        outputs_first = sorted(
-            range(len(self.results)), key=lambda i: self.results[i][1] != "now->"
-        )
-        for i in outputs_first:
-            m, pointer = self.results[i]
-            for k in range(m.size):
-                local = m.c + ("_next" if pointer == "next->" else "")
-                local += "" if m.scalar else f"_{k}"
-                letter = local[:1] in "abckrt" and local[1:].isdecimal()
-                if local in LOCAL or letter or local in taken:
-                    continue
-                taken.add(local)
-                names[i, k] = local
-        return names
 
     @cached_property
     def start(self) -> Writer:
@@ -454,7 +370,7 @@ class Plan:
                 given += started_copies(m, pointer, values)
             else:
                 given += [c.assign(m.node(pointer, k), v) for k, v in enumerate(values)]
-        return roll_lines([*drop_unused(self.start.lines, given), *given], set(), sort=True)
+        return roll_lines([*c.drop_unused(self.start.lines, given), *given], set(), sort=True)
 
     def part_docs(self) -> Iterator[tuple[str, Block]]:
         """Path and block of each part that has a text."""
@@ -493,8 +409,3 @@ def _element(value: Any, k: int) -> Any:
 
 def _literal(value: float, real: str) -> str:
     return number(float(round_to_real(value, real)))
-
-
-def first_sentence(doc: str) -> str:
-    """First paragraph of a text, on one line."""
-    return " ".join(doc.strip().partition("\n\n")[0].split())

@@ -45,9 +45,9 @@ def groups(plan: Plan) -> tuple[Group, ...]:
         BadInput: all parts have one rate, or the controller is not written by parts.
     """
     made = plan.equations
-    if not made.functions or plan.block.composition.split:
+    if made.static:
         raise BadInput(
-            f"--rates: {plan.block.name} is written as a whole, not part by part; leave it out"
+            f"--rates: {plan.block.name} has a solver of CasADi, which may fail; leave it out"
         )
     rates = [made.ticks.get(called_function(line), 1) for line in made.lines]
     if set(rates) <= {1}:
@@ -196,16 +196,12 @@ def rate_docs(plan: Plan) -> dict[str, str]:
     return found
 
 
-def tick_struct(plan: Plan) -> list[str]:
-    """Members of the state for a tick in hand."""
-    n, real = plan.name, plan.real
-    return [
-        f"    struct {n}_tick {{",
-        f"        {n}_out now; /* outputs so far */",
-        f"        {real} done; /* groups of parts that are done, 0 where no tick is in hand */",
-        f"        {real} status; /* what the inputs gave */",
-        "    } tick; /* a tick in hand, between the steps of its rates */",
-    ]
+TICK = """struct {n}_tick {{
+        {n}_out now; /* outputs so far */
+        {real} done; /* groups of parts that are done, 0 where no tick is in hand */
+        {real} status; /* what the inputs gave */
+    }}"""
+"""Struct of a tick in hand."""
 
 
 def functions(

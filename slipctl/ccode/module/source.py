@@ -25,24 +25,24 @@ from slipctl.ccode.module.guard_functions import (
     with_results,
 )
 from slipctl.ccode.module.header import head, prototype, prototypes
-from slipctl.ccode.module.kernel import Kernel, definitions
+from slipctl.ccode.module.kernel import definitions
 from slipctl.ccode.module.layout import Member, c_elements, own_name
-from slipctl.ccode.module.plan import Plan, first_sentence
+from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.module.small import small_functions
 from slipctl.ccode.passes.part_structs import nest_parts
 from slipctl.ccode.passes.precision import in_precision
 from slipctl.ccode.passes.scratch import in_section
-from slipctl.ccode.passes.split_step import equations_call, in_place, prepare, take_state
+from slipctl.ccode.passes.split_step import equations_call, prepare, take_state
 from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import constant, number
+from slipctl.ccode.tree.helpers import helpers
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import code, define, expression, if_, statements
 from slipctl.ccode.tree.printer import file_text
-from slipctl.ccode.tree.structure import assign
 
 
 def sources(plan: Plan, section: str | None = None) -> dict[str, str]:
-    """Text of the source by file: its parts, if it has such, and the module around them.
+    """Text of the source by file: its parts, and the module around them.
 
     Args:
         plan: the module.
@@ -70,17 +70,8 @@ def sources(plan: Plan, section: str | None = None) -> dict[str, str]:
         f"#define {name} {value or forgotten} /* {what} */"
         for name, (value, what) in guard.NUMBERS.items() if name in named
     ))]  # fmt: skip
-    if plan.equations.copied:
-        before.append(c.remark(
-            "Functions casadi_... are copied from the templates of CasADi"
-            f" {ca.CasadiMeta.version()} (MIT-0, see LICENSE)."
-        ))  # fmt: skip
-    if parts:
-        of_ranges -= plan.equations.helpers
-        shared = definitions([plan.equations], plan.real)
-        own = definitions([Kernel(helpers=frozenset(of_ranges))])
-    else:
-        own = definitions([plan.equations, Kernel(helpers=frozenset(of_ranges))], plan.real)
+    shared = definitions(plan.equations, plan.real)
+    own = helpers(of_ranges - plan.equations.helpers)
 
     def finished(
         name: str, opening: Sequence[Node], libraries: Sequence[str], nodes: Iterable[Node]
@@ -92,14 +83,15 @@ def sources(plan: Plan, section: str | None = None) -> dict[str, str]:
         return file_text([c.raw(head(plan, name)), *opening, c.raw(included), *made])
 
     openings = "\n".join(f'#include "{h}"' for h in headers)
-    found = {}
-    if parts:
-        mark = f"{plan.layout.big}_PARTS_H"
-        told = f"The parts of {n}, in the order of the wires; {file} alone includes this file."
-        opening = [c.remark(told), c.raw(f"#ifndef {mark}\n#define {mark}"),
-                   c.raw(f'#include "{n}.h"')]  # fmt: skip
-        whole = [*_enums(plan), *shared, *small, *parts.values(), c.raw(f"#endif /* {mark} */")]
-        found[headers[-1]] = finished(headers[-1], opening, ["math", "stdbool"], whole)
+    mark = f"{plan.layout.big}_PARTS_H"
+    told = f"The parts of {n}, in the order of the wires; {file} alone includes this file."
+    opening = [c.remark(told), c.raw(f"#ifndef {mark}\n#define {mark}"),
+               c.raw(f'#include "{n}.h"')]  # fmt: skip
+    copied = "Functions casadi_... are copied from the templates of CasADi" \
+             f" {ca.CasadiMeta.version()} (MIT-0, see LICENSE)."  # fmt: skip
+    opening += [c.remark(copied)] * plan.equations.copied
+    whole = [*_enums(plan), *shared, *small, *parts.values(), c.raw(f"#endif /* {mark} */")]
+    found = {headers[-1]: finished(headers[-1], opening, ["math", "stdbool"], whole)}
     libraries = ["float", "math", "stdbool"]
     whole = [*before, *own, *tests, *around]
     return found | {file: finished(file, [c.raw(openings)], libraries, whole)}
@@ -129,61 +121,21 @@ _NAN_IS_SEEN = """#if defined(__FAST_MATH__) \\
 
 
 def _equations(plan: Plan) -> list[Node]:
-    n, made = plan.name, plan.equations
-    lines = statements(_call_lines(plan)) if made.entry else _own_lines(plan)
+    """Function that calls the parts in their order; whether one did not come to its end."""
+    if plan.rates:
+        return []
+    n, lines = plan.name, list(plan.equations.lines)
+    if plan.can_fail:
+        lines = [*code("work->failed = 0;"), *lines, *code("return work->failed;")]
     used = c.variables(lines)
     given = ["in", "param", *["derived"] * bool(plan.layout.derived)]
     given += [*["state", "next"] * bool(plan.layout.states), "now", *["work"] * plan.work_in_state]
     voids = [c.mark_unused(a) for a in given if a not in used]
     result = "static int" if plan.can_fail else "static void"
     signature = prototype(plan, result, "equations", *(plan.types[a] for a in given))
-    told = "The parts, in the order of the wires" if made.functions else "Equations"
-    what = comment(f"{told} of {plan.block.name}; {n}.h says where they come from.")
-    return [] if plan.rates else [define(signature, [*voids, *lines], what)]
-
-
-def _own_lines(plan: Plan) -> list[Node]:
-    """Statements of the equations; a part's text stands before its first output."""
-    made = plan.equations
-    places, declared = _memory(plan) if made.calls else ({}, [])
-    lines = statements([*declared, *["int failed = 0;"] * made.calls])
-    part_of = {m.c: m.name.rpartition(".")[0] for m in plan.layout.outputs if "." in m.name}
-    docs = {path: first_sentence(leaf.doc) for path, leaf in plan.part_docs()}
-    for line in c.swap_all(made.lines, {k: expression(v) for k, v in places.items()}):
-        named = c.target(line) if line.kind == "declare" else None
-        part = part_of.get(named.text, "") if named is not None else ""
-        if part in docs:
-            lines.append(c.remark(f"{part}: {docs.pop(part)}"))
-        lines.append(line)
-    if made.functions:
-        return lines
-    lines += [Node("blank")] * bool(lines)
-    for i, (m, pointer) in enumerate(plan.results):
-        values = [made.results[i, k] for k in range(m.size)]
-        lines += assign(expression(f"{pointer}{m.c}"), values, not m.scalar)
-    return in_place(plan, lines) + [c.give(c.name("failed"))] * made.calls
-
-
-def _memory(plan: Plan) -> tuple[dict[str, str], list[str]]:
-    """Where CasADi's functions work: what stands for each placeholder, and declarations."""
-    sz_arg, sz_res, sz_iw, sz_w = plan.equations.work
-    lines = [f"const double *arg[{max(sz_arg, 1)}];", f"double *res[{max(sz_res, 1)}];"]
-    places = {}
-    for name, size, kind in (("iw", sz_iw, "int"), ("w", sz_w, "double")):
-        place = "NULL" if not size else f"work->{name}" if plan.work_in_state else name
-        places[f"WORK_{name.upper()}_"] = place
-        if place == name:
-            lines.append(f"{kind} {name}[{size}];")
-    return places, lines
-
-
-def _call_lines(plan: Plan) -> list[str]:
-    """Leave it all to CasADi's function: pass it the struct members."""
-    places, lines = _memory(plan)
-    lines += [f"arg[{i}] = {m.address(p)};" for i, (m, p) in enumerate(plan.arguments)]
-    lines += [f"res[{i}] = {m.address(p)};" for i, (m, p) in enumerate(plan.results)]
-    call = f"{plan.equations.entry}(arg, res, {places['WORK_IW_']}, {places['WORK_W_']}, 0)"
-    return [*lines, f"return {call};"]
+    told = f"The parts, in the order of the wires of {plan.block.name}"
+    what = comment(f"{told}; {n}.h says where they come from.")
+    return [define(signature, [*voids, *lines], what)]
 
 
 # ---- parameters and start -----------------------------------------------------------------------

@@ -28,14 +28,11 @@ def counter_doc(plan: Plan) -> str:
     )
 
 
-def members() -> list[str]:
-    """What the state has for it."""
-    return [
-        "    struct {",
-        "        unsigned int last; /* number of the last tick */",
-        "        unsigned int begun; /* 0 before the first one */",
-        "    } counter;",
-    ]
+COUNTER = """struct {
+        unsigned int last; /* number of the last tick */
+        unsigned int begun; /* 0 before the first one */
+    }"""
+"""What the state has for it."""
 
 
 def functions(plan: Plan, hold: str) -> list[Node]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import casadi as ca
+
 from slipctl.block.block import Block
 from slipctl.block.transforms.discretisation import slower
 from slipctl.ccode.module.layout import Copy, Member, c_name
@@ -70,6 +72,11 @@ def array_of(place: Place) -> Node:
     return expression(m.array(pointer) if m.size > 1 else m.at(pointer, 0))
 
 
+def address_of(at: Place) -> Node:
+    """Address of its first number."""
+    return array_of(at) if at[0].size > 1 else c.address(array_of(at))
+
+
 def vector_of(at: Place) -> Node:
     """The variable, or the vector that lies in the array."""
     return place(array_of(at), 0) if at[0].size > 1 else array_of(at)
@@ -96,6 +103,41 @@ def own_pointers(wires: Wires, outputs: Sequence[str], names: set[str]) -> list[
             lines = [*code(text), *lines]
             names = names | c.variables(lines[:1])
     return lines
+
+
+def left_to_casadi(
+    block: Block, equations: ca.Function, name: str, places: Sequence[Place | None],
+    targets: Sequence[Place], wires: Wires,
+) -> tuple[ca.Function, list[Node]]:  # fmt: skip
+    """Function that CasADi's text is to have, and the statements that call it by its name.
+
+    Args:
+        block: the part.
+        equations: from its states, inputs and parameters to what is asked for.
+        name: of the Function.
+        places, targets: of arguments and results; an argument that comes later has none.
+        wires: of the part.
+    """
+    symbols = [ca.MX.sym(f"i{i}", *equations.size_in(i)) for i in range(len(places))]
+    given = [0 if at is None else s for s, at in zip(symbols, places, strict=True)]
+    known = [s for s, at in zip(symbols, places, strict=True) if at is not None]
+    f = ca.Function(name, known, equations.call(given, not block.sx, False), {"cse": True})
+    results, split = list(map(address_of, targets)), block.composition.split
+    if split:  # what is prepared is not written again
+        ahead = [wires.following[n] for n in split.ahead]
+        only, prepared = (array_of(wires.states[n]) for n in (split.only, split.prepared))
+        due = f"({only} > 0.0) || !({prepared} > 0.0)"
+        results = [
+            expression(f"({due}) ? {to} : NULL") if any(at is a for a in ahead) else to
+            for at, to in zip(targets, results, strict=True)
+        ]
+    addresses = [address_of(at) for at in places if at is not None]
+    return f, [
+        *code(f"const double *arg[{f.sz_arg()}]; double *res[{f.sz_res()}];"),
+        *(c.assign(c.index(c.name("arg"), i), a) for i, a in enumerate(addresses)),
+        *(c.assign(c.index(c.name("res"), i), a) for i, a in enumerate(results)),
+        *code(f"if ({name}(arg, res, work->iw, work->w, 0) != 0) {{ work->failed = 1; }}"),
+    ]
 
 
 def switch_lines(block: Block, now: str, then: str, chosen: Mapping[str, Node]) -> list[Node]:

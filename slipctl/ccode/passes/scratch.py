@@ -39,11 +39,6 @@ class Scratch:
     lines: tuple[Node, ...]
     arrays: Mapping[str, Arrays]
 
-    @property
-    def numbers(self) -> int:
-        """Numbers in all of them."""
-        return sum(n for rows in self.arrays.values() for _, n in rows)
-
 
 def off_stack(functions: Mapping[str, Node], lines: Sequence[Node], work: Node) -> Scratch:
     """Move large arrays off the stack, if they are much together.
@@ -72,8 +67,10 @@ def off_stack(functions: Mapping[str, Node], lines: Sequence[Node], work: Node) 
     while more := {n for n in functions if n not in needing and needing & set(calls[n])}:
         needing |= more
 
+    told = {n for n, f in functions.items() if work in f.parts[0].parts}  # of it already
+
     def given(n: Node) -> Node | None:
-        if n.kind != "call" or n.head not in needing:
+        if n.kind != "call" or n.head not in needing - told:
             return None
         return c.call(n.head, [*(p.change(given) for p in n.parts), c.name("work")])
 
@@ -85,7 +82,8 @@ def off_stack(functions: Mapping[str, Node], lines: Sequence[Node], work: Node) 
             struct = f"{work.head}_{name}"
             body = _moved(body, {a for a, _ in large[name]}, struct, name)
         own = [p for p in head.parts if p.head != "void" or p.parts]
-        made[name] = replace(functions[name], parts=(c.call(name, [*own, work]), body))
+        own += [work] * (name not in told)
+        made[name] = replace(functions[name], parts=(c.call(name, own), body))
     return Scratch(made, tuple(line.change(given) for line in lines), large)
 
 
@@ -116,15 +114,15 @@ def _declares(n: Node, names: set[str]) -> bool:
     return n.head == "double" and n.parts[0].kind == "index" and n.parts[0].base.head in names
 
 
-def structs(arrays: Mapping[str, Arrays], name: str, real: str) -> list[str]:
-    """Declarations of the structs that hold them, and of the one that holds these."""
+def structs(arrays: Mapping[str, Arrays], name: str, real: str, more: Sequence[str]) -> list[str]:
+    """Declarations of the structs that hold them, and of the one that holds these and more."""
     lines: list[str] = []
     for function, rows in arrays.items():
         lines += [f"struct {name}_{function} {{"]
         lines += [f"    {real} {a}[{n}];" for a, n in rows]
         lines += ["};", ""]
-    lines += [f"struct {name} {{", *(f"    struct {name}_{f} {f};" for f in arrays), "};", ""]
-    return lines
+    members = [*(f"struct {name}_{f} {f};" for f in arrays), *more]
+    return [*lines, f"struct {name} {{", *(f"    {m}" for m in members), "};", ""]
 
 
 # ---- tables ------------------------------------------------------------------------------------

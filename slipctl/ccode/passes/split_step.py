@@ -14,43 +14,12 @@ from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import define, expression, if_
 
 
-def in_place(plan: Plan, lines: list[Node]) -> list[Node]:
-    """Statements with calls that write where their result is copied to, and only to there."""
-    for line in list(lines):
-        e = line.parts[0] if line.kind == "do" else line
-        local = e.parts[1] if e.kind == "call" and e.head == "copy" else None
-        if local is None or local.kind != "name" or local.head[:1] != "r":
-            continue
-        if sum(x.uses(local.head) for x in lines) != 3:
-            continue  # read elsewhere too
-        declared = c.declare("double", c.index(local, e.parts[2]))
-        lines = c.swap_all(
-            [x for x in lines if x not in (declared, line)], {local.head: e.parts[0]}
-        )
-    ahead = {f"next->{m.c}" for m in plan.ahead}  # what is prepared is not written again
-
-    def rule(n: Node) -> Node | None:
-        if n.kind != "op" or n.head != "=" or n.parts[1].text not in ahead:
-            return None
-        return c.op(n.parts[0], "=", expression(f"({due(plan)}) ? {n.parts[1]} : NULL"))
-
-    return [line.change(rule) for line in lines]
-
-
 def equations_call(plan: Plan, seen: str) -> str:
     """Call of the equations on the inputs that they see."""
     lay, following = plan.layout, "&state->next" if plan.next_in_state else "&next"
     given = [seen, "used", *["&state->derived"] * bool(lay.derived)]
     given += ["&state->kept", following] * bool(lay.states) + ["&now"]
     return f"equations({', '.join([*given, *['&state->work'] * plan.work_in_state])})"
-
-
-def due(plan: Plan) -> str:
-    """Condition that the equations prepare, not only go on from what is prepared."""
-    split = plan.block.composition.split
-    assert split is not None
-    only, prepared = (plan.state_named(n).c for n in (split.only, split.prepared))
-    return f"(state->{only} > 0.0) || !(state->{prepared} > 0.0)"
 
 
 def take_state(plan: Plan, members: Sequence[Member]) -> list[str]:

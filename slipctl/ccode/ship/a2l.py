@@ -16,10 +16,10 @@ import math
 from collections.abc import Iterable
 
 from slipctl.ccode.module import guard
-from slipctl.ccode.module.comments import ascii_text
-from slipctl.ccode.module.header import CONTENT, statuses
+from slipctl.ccode.module.comments import ascii_text, first_sentence
+from slipctl.ccode.module.header import CONTENT, place_in_state, statuses
 from slipctl.ccode.module.layout import Member, places_of
-from slipctl.ccode.module.plan import Plan, first_sentence
+from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes.precision import size
 from slipctl.ccode.tree.expressions import number
 
@@ -72,16 +72,13 @@ def a2l(plan: Plan) -> str:
             own = _type(plan, m, kind)
             blocks.append(_measurement(plan, struct, m, offset, methods, own, _within(struct)))
     status = _status(plan, methods.setdefault("1", "CM_none"))
-    offset = lay.kept_offsets(plan.real)[-1]
+    offset = place_in_state(plan, "derived") if lay.derived else 0
     for m in lay.derived:
         blocks.append(_measurement(plan, "state", m, offset, methods, kind, "derived."))
         offset += m.size * size(plan.real)
-    offset += sum(max(sum(m.size for m in g), 1) for g in (lay.params, lay.outputs)) * size(
-        plan.real
-    )
     for m, at in zip(lay.signals, lay.offsets(plan.real), strict=False):
         if m in lay.measured:
-            own = _type(plan, m, kind)
+            own, offset = _type(plan, m, kind), place_in_state(plan, "measured")
             blocks.append(_measurement(plan, "state", m, offset + at, methods, own, "measured."))
     blocks += _METHODS if "1" in units else [*_METHODS, _NONE]
     blocks += status.values()
@@ -144,7 +141,7 @@ _METHODS = [
 
 def _status(plan: Plan, bare: str) -> dict[str, str]:
     """Measurements of the status, of each of its bits, and of what the guards count, by name."""
-    n, lay = plan.name, plan.layout
+    n = plan.name
     most = sum(value for _, value, _ in statuses(plan))
     link = f'\n  SYMBOL_LINK "{n}_status_instance" 0'
     found = {
@@ -158,10 +155,7 @@ def _status(plan: Plan, bare: str) -> dict[str, str]:
             f"  SLONG CM_said 0 0 0 1\n  BIT_MASK 0x{value:X}\n  ECU_ADDRESS 0x0{link}\n"
             "/end MEASUREMENT"
         )
-    before = [*lay.derived, *lay.params, *lay.outputs, *lay.inputs]
-    ends = (lay.params, lay.outputs, lay.inputs)
-    at = (sum(m.size for m in before) + sum(not members for members in ends)) * size(plan.real)
-    at += lay.kept_offsets(plan.real)[-1] + lay.offsets(plan.real)[-1] * bool(lay.measured)
+    at = place_in_state(plan, "guard") + size(plan.real) * max(plan.n_in, 1)
     counts = [
         ("age", plan.n_in, "ticks without a good value, less good ones since; -1: none yet",
          "SLONG", -1, int(guard.MANY)),

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from xml.etree import ElementTree
 
+from slipctl.ccode.compile.template import fill_template
 from slipctl.ccode.module.header import CONTENT, head
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan
@@ -44,31 +45,10 @@ def _source(plan: Plan) -> str:
     lines.append(f"    status = {n}_step(&in, &param, &state, &out);")
     lines += [f"    Rte_IWrite_{swc}_step_out_{m.c}(out.{m.c});" for m in lay.outputs]
     lines.append(f"    Rte_IWrite_{swc}_step_out_{_status(plan)}((sint32)status);")
-    body = "\n".join(lines)
-    memcpy = "#include <string.h>\n\n" if any(not m.scalar for m in lay.inputs) else ""
-    return f"""{head(plan, f"{swc}.c")}
-
-#include "Rte_{swc}.h"
-
-#include "{n}.h"
-
-{memcpy}static {n}_param param;
-static {n}_state state;
-
-void {swc}_init(void);
-void {swc}_step(void);
-
-void {swc}_init(void)
-{{
-    {n}_default(&param);
-    (void){n}_init(&param, &state);
-}}
-
-void {swc}_step(void)
-{{
-{body}
-}}
-"""
+    return fill_template(
+        "swc.c", n=n, swc=swc, head=head(plan, f"{swc}.c"), body="\n".join(lines),
+        arrays=any(not m.scalar for m in lay.inputs),
+    )  # fmt: skip
 
 
 class _Tree:

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import hashlib
 import io
-import tempfile
 import zipfile
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from functools import partial
 
 from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.files import licence
 from slipctl.ccode.compile.platforms import Platform
+from slipctl.ccode.compile.programs import scratch_folder
+from slipctl.ccode.compile.template import fill_template
 from slipctl.ccode.module.header import CONTENT
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.ship import fmu_xml
@@ -49,18 +50,20 @@ def fmus(
     found = {}
     objects: dict[tuple[str, str], bytes] = {}  # the module is compiled once for each
     for version in VERSIONS:
-        describe = fmu_xml.description_2 if version == 2 else fmu_xml.description_3
-        token = _token(describe(plan, "", now), interface(plan, version, "", now), *own.values())
+        describe = partial(fmu_xml.description, plan, version, now=now)
+        token = _token(describe(token=""), interface(plan, version, "", now), *own.values())
         text = interface(plan, version, token, now).replace(CONTENT, content)
         sources = own | {f"fmi{version}.c": text}
-        files = {"modelDescription.xml": describe(plan, token, now).encode()}
+        files = {"modelDescription.xml": describe(token=token).encode()}
         files |= {f"sources/{n}": text.encode() for n, text in sources.items()}
         files["documentation/index.html"] = fmu_xml.page(plan).encode()
         if version == 2:
             files["documentation/LICENSE"] = licence(plan).encode()
         else:
             files["documentation/licenses/license.txt"] = licence(plan).encode()
-            files["sources/buildDescription.xml"] = fmu_xml.build_description(plan).encode()
+            files["sources/buildDescription.xml"] = fill_template(
+                "buildDescription.xml", n=plan.name
+            ).encode()
         for p in (p for p in platforms if version in p.folders):
             name = f"binaries/{p.folders[version]}/{plan.name}{p.suffix}"
             files[name] = _binary(plan, sources, p, objects)
@@ -80,10 +83,7 @@ def _binary(
     platform: Platform,
     objects: dict[tuple[str, str], bytes],
 ) -> bytes:
-    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-        folder = Path(scratch)
-        for name, text in sources.items():
-            (folder / name).write_text(text, encoding="utf-8")
+    with scratch_folder(sources) as folder:
         linked = [folder / n.replace(".c", ".o") for n in sources if n.endswith(".c")]
         for o in linked:
             key = platform.name, o.name

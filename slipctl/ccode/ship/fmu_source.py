@@ -1,6 +1,6 @@
 """C of an FMU: the interface of FMI 2.0 or 3.0 for Co-Simulation, around init, tune and step.
 
-The text lies in ``slipctl/templates``. Its declarations are our own, written from the
+The text lies in ``templates``. Its declarations are our own, written from the
 specifications, so that the sources compile with nothing beside them. What a sampled module cannot
 do (Model Exchange, derivatives, clocks) is there and refuses.
 """
@@ -8,14 +8,13 @@ do (Model Exchange, derivatives, clocks) is there and refuses.
 from __future__ import annotations
 
 import itertools
-import re
-from pathlib import Path
 
 import casadi as ca
 
 from slipctl.block.text.named_expressions import evaluate, names_in
-from slipctl.ccode.compile.files import c_number, start_elements
+from slipctl.ccode.compile.files import input_values
 from slipctl.ccode.compile.state_numbers import numbers_of, take_numbers
+from slipctl.ccode.compile.template import fill_template
 from slipctl.ccode.module.guard_functions import range_condition
 from slipctl.ccode.module.header import head
 from slipctl.ccode.module.layout import Member, dense_value, matrix
@@ -30,12 +29,6 @@ from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import expression
 from slipctl.ccode.tree.printer import file_text, lines_of
 
-TEMPLATES = Path(__file__).parent / "templates"
-
-
-def _template(name: str) -> str:
-    return (TEMPLATES / name).read_text(encoding="utf-8")
-
 
 def interface(plan: Plan, version: int, token: str, now: bool) -> str:
     """Text of ``fmi2.c`` or ``fmi3.c``.
@@ -47,20 +40,15 @@ def interface(plan: Plan, version: int, token: str, now: bool) -> str:
         now: outputs are those of the present state and inputs, not those of the last tick.
     """
     file = f"fmi{version}.c"
-    parts = (head(plan, file), core(plan, token, now), _template(file))
-    return "\n\n".join(p.strip() for p in parts) + "\n"
+    return fill_template(
+        file, head=head(plan, file), core=core(plan, token, now).strip(), n=plan.name
+    )
 
 
 def core(plan: Plan, token: str, now: bool) -> str:
     """Text that both versions of the interface share."""
     lay = plan.layout
-    counts = {
-        k: sum(m.size for m in g)
-        for k, g in (
-            ("n_in", lay.inputs), ("n_param", lay.params), ("n_derived", lay.derived),
-            ("n_state", lay.states), ("n_out", lay.outputs),
-        )
-    }  # fmt: skip
+    words = lay.words(plan.real)
     places = (
         ("n_in", "k < FIRST_PARAM", "in", "k"),
         ("n_param", "k < FIRST_DERIVED", "param", "k - FIRST_PARAM"),
@@ -70,14 +58,10 @@ def core(plan: Plan, token: str, now: bool) -> str:
     )
     lines: list[str] = []
     for count, condition, member, at in places:
-        if counts[count]:
+        if words[count]:
             word = "    if" if not lines else "    } else if"
             lines += [f"{word} ({condition}) {{", f"        found = (real *)&m->{member} + ({at});"]
     lines += ["    }"] if lines else ["    (void)m;", "    (void)k;"]
-    inputs = [
-        f"    {m.at('m->in.', k)} = {c_number(v, plan)};"
-        for m in lay.inputs for k, v in enumerate(start_elements(m))
-    ]  # fmt: skip
     starts, called = _starts(plan)
     tests = [
         expression(f"!{range_condition(plan, m, 'm->state.kept.')}")
@@ -89,20 +73,14 @@ def core(plan: Plan, token: str, now: bool) -> str:
     def real(n: Node) -> Node:
         return in_precision(nest_states(lay, n), plan.real, plan.block.name)
 
-    defined = file_text(map(real, functions))
-    look = "    numbers_of(&m->state.kept, m->seen);\n" * bool(lay.states)
-    access = [numbers_of(lay, plan.real), take_numbers(lay, plan.real)] * bool(lay.states)
-    filled = {
-        "access": "".join(access), "look": look and f"    {look}", "look_now": look,
-        "take": "        take_numbers(m->seen, &m->state.kept);\n" * bool(lay.states),
-        "n": plan.name, "big": lay.big, "real": plan.real, "token": token, "now": int(now),
-        "period": number(plan.period) if plan.period else "0.0", "places": "\n".join(lines) + "\n",
-        "inputs": "".join(f"{line}\n" for line in inputs),
-        "starts": "".join(f"{x}\n" for x in lines_of(map(real, starts), " " * 8)),
-        "helpers": f"{defined}\n" if defined else "",
-        "wrong": "\n            || ".join(real(t).text for t in tests) or "false", **counts,
-    }  # fmt: skip
-    return re.sub(r"@(\w+)@", lambda m: str(filled[m[1]]), _template("fmu.c"))
+    return fill_template(
+        "fmu.c", **words, token=token, now=int(now),
+        access=numbers_of(lay, plan.real) + take_numbers(lay, plan.real),
+        period=number(plan.period) if plan.period else "0.0", places="\n".join(lines),
+        inputs=input_values(plan, "m->in."), starts="\n".join(lines_of(map(real, starts), " " * 8)),
+        helpers=file_text(map(real, functions)),
+        wrong="\n            || ".join(real(t).text for t in tests) or "false",
+    )  # fmt: skip
 
 
 def _starts(plan: Plan) -> tuple[list[Node], set[str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from xml.sax.saxutils import escape, quoteattr
@@ -11,7 +11,8 @@ from xml.sax.saxutils import escape, quoteattr
 from slipctl.block.block import Block
 from slipctl.block.units import unit_algebra
 from slipctl.ccode.compile.files import start_elements
-from slipctl.ccode.module.comments import ascii_text
+from slipctl.ccode.compile.template import fill_template
+from slipctl.ccode.module.comments import ascii_text, first_sentence
 from slipctl.ccode.module.layout import Member, c_elements
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.tree.expressions import number
@@ -156,15 +157,7 @@ def _numbers(v: Variable) -> str:
     return text + (f' start="{number(v.start)}"' if v.start is not None else "")
 
 
-def _unknowns(tag: str, rows: Iterable[tuple[int, list[int] | None]], key: str) -> list[str]:
-    lines = []
-    for reference, depends in rows:
-        known = "" if depends is None else f' dependencies="{" ".join(map(str, depends))}"'
-        lines.append(f'    <{tag} {key}="{reference}"{known}/>')
-    return lines
-
-
-def _structure(plan: Plan, now: bool) -> list[tuple[Variable, list[int] | None]]:
+def _structure(plan: Plan, now: bool) -> list[tuple[Variable, list[int]]]:
     """Each output with the inputs that it depends on at a communication point.
 
     Outputs that a tick gave do not change with the inputs until the next one.
@@ -182,127 +175,60 @@ def _unknown_at_first(plan: Plan, now: bool) -> list[int]:
             if v.initial != "exact"]  # fmt: skip
 
 
-def _text(plan: Plan) -> tuple[str, str]:
-    """Description, and the name of the tool."""
+def description(plan: Plan, version: int, token: str, now: bool) -> str:
+    """Text of modelDescription.xml.
+
+    Args:
+        plan: the module.
+        version: of FMI, 2 or 3.
+        token: what the description and the binary must agree on.
+        now: outputs are those of the present state and inputs, not those of the last tick.
+    """
     from slipctl import __version__
-    from slipctl.ccode.module.plan import first_sentence
 
-    return quoteattr(ascii_text(first_sentence(plan.block.doc))), f"slipctl {__version__}"
-
-
-def description_2(plan: Plan, token: str, now: bool) -> str:
-    """Text of modelDescription.xml of FMI 2.0."""
-    found = variables(plan)
-    about, tool = _text(plan)
-    step = f' stepSize="{number(plan.period)}"' if plan.period else ""
-    status = len(found)
-    structure = _structure(plan, now)
-    outputs = [(v.reference + 1, [k + 1 for k in d or []]) for v, d in structure]
-    first = [(k + 1, None) for k in _unknown_at_first(plan, now)]
-    lines = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        f'<fmiModelDescription fmiVersion="2.0" modelName="{plan.name}" guid="{token}"'
-        f' description={about} generationTool="{tool}" variableNamingConvention="structured"'
-        ' numberOfEventIndicators="0">',
-        f'  <CoSimulation modelIdentifier="{plan.name}"'
-        ' canHandleVariableCommunicationStepSize="true"'
-        ' canNotUseMemoryManagementFunctions="true" canGetAndSetFMUstate="true"'
-        ' canSerializeFMUstate="true">',
-        "    <SourceFiles>", f'      <File name="{plan.name}.c"/>', '      <File name="fmi2.c"/>',
-        "    </SourceFiles>", "  </CoSimulation>", "  <UnitDefinitions>", *unit_definitions(plan),
-        "  </UnitDefinitions>", "  <LogCategories>", '    <Category name="events"/>',
-        "  </LogCategories>", f"  <DefaultExperiment{step}/>", "  <ModelVariables>",
-    ]  # fmt: skip
+    found, period = variables(plan), number(plan.period) if plan.period else ""
+    taken, status = {v.name for v in found}, len(found)
+    output, unknown, key, first = ("Unknown", "Unknown", "index", 1)
+    if version == 3:
+        output, unknown, key, first = "Output", "InitialUnknown", "valueReference", 0
+    rows = []
     for v in found:
         initial = f' initial="{v.initial}"' if v.initial else ""
-        lines.append(
-            f'    <ScalarVariable name={quoteattr(v.name)} valueReference="{v.reference}"'
+        said = (
+            f'name={quoteattr(v.name)} valueReference="{v.reference}"'
             f' description={_description(v.member)} causality="{v.causality}"'
-            f' variability="{v.variability}"{initial}><Real{_numbers(v)}/></ScalarVariable>'
+            f' variability="{v.variability}"{initial}'
         )
-    lines += [
-        f'    <ScalarVariable name="{_status_name(plan)}" valueReference="{status}"'
-        f' description={quoteattr(_STATUS)} causality="output" variability="discrete"'
-        ' initial="calculated"><Integer/></ScalarVariable>',
-        "  </ModelVariables>", "  <ModelStructure>", "  <Outputs>",
-        *_unknowns("Unknown", [*outputs, (status + 1, [])], "index"), "  </Outputs>",
-        "  <InitialUnknowns>",
-        *_unknowns("Unknown", [*first, (status + 1, None)], "index"),
-        "  </InitialUnknowns>", "  </ModelStructure>", "</fmiModelDescription>",
-    ]  # fmt: skip
-    return "\n".join(lines) + "\n"
-
-
-def description_3(plan: Plan, token: str, now: bool) -> str:
-    """Text of modelDescription.xml of FMI 3.0."""
-    found = variables(plan)
-    about, tool = _text(plan)
-    status = len(found)
-    period = number(plan.period) if plan.period else ""
-    fixed = f' fixedInternalStepSize="{period}"' if period else ""
-    step = f' stepSize="{period}"' if period else ""
-    outputs = [(v.reference, d) for v, d in _structure(plan, now)]
-    first = [(k, None) for k in _unknown_at_first(plan, now)]
-    lines = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        f'<fmiModelDescription fmiVersion="3.0" modelName="{plan.name}"'
-        f' instantiationToken="{token}" description={about} generationTool="{tool}"'
-        ' variableNamingConvention="structured">',
-        f'  <CoSimulation modelIdentifier="{plan.name}" canGetAndSetFMUState="true"'
-        f' canSerializeFMUState="true" canHandleVariableCommunicationStepSize="true"{fixed}/>',
-        "  <UnitDefinitions>", *unit_definitions(plan), "  </UnitDefinitions>",
-        "  <LogCategories>", '    <Category name="events"/>', "  </LogCategories>",
-        f"  <DefaultExperiment{step}/>", "  <ModelVariables>",
-        f'    <Float64 name="{_free("time", plan)}" valueReference="{status + 1}"'
-        ' causality="independent" variability="continuous"/>',
-    ]  # fmt: skip
-    for v in found:
-        initial = f' initial="{v.initial}"' if v.initial else ""
-        lines.append(
-            f'    <Float64 name={quoteattr(v.name)} valueReference="{v.reference}"'
-            f' description={_description(v.member)} causality="{v.causality}"'
-            f' variability="{v.variability}"{initial}{_numbers(v)}/>'
-        )
-    lines += [
-        f'    <Int32 name="{_status_name(plan)}" valueReference="{status}"'
-        f' description={quoteattr(_STATUS)} causality="output" variability="discrete"'
-        ' initial="calculated"/>',
-        "  </ModelVariables>", "  <ModelStructure>",
-        *_unknowns("Output", [*outputs, (status, [])], "valueReference"),
-        *_unknowns("InitialUnknown", [*first, (status, None)], "valueReference"),
-        "  </ModelStructure>", "</fmiModelDescription>",
-    ]  # fmt: skip
-    return "\n".join(lines) + "\n"
+        rows.append(
+            f"    <ScalarVariable {said}><Real{_numbers(v)}/></ScalarVariable>"
+            if version == 2 else f"    <Float64 {said}{_numbers(v)}/>"
+        )  # fmt: skip
+    told = [(v.reference, depends) for v, depends in _structure(plan, now)]
+    outputs = [
+        f'    <{output} {key}="{k + first}" dependencies="{" ".join(str(d + first) for d in of)}"/>'
+        for k, of in [*told, (status, [])]
+    ]
+    begin = [*_unknown_at_first(plan, now), status]
+    return fill_template(
+        f"fmi{version}.xml", n=plan.name, token=token, tool=f"slipctl {__version__}",
+        about=quoteattr(ascii_text(first_sentence(plan.block.doc))),
+        step=f' stepSize="{period}"' if period else "",
+        fixed=f' fixedInternalStepSize="{period}"' if period else "",
+        units="\n".join(unit_definitions(plan)), variables="\n".join(rows),
+        status=_free("status", taken), time=_free("time", taken), number=status, last=status + 1,
+        status_said=quoteattr(_STATUS), outputs="\n".join(outputs),
+        first="\n".join(f'    <{unknown} {key}="{k + first}"/>' for k in begin),
+    )  # fmt: skip
 
 
 _STATUS = "bits of the last communication step: 1 NaN in, 2 bad result, 8 off range, 16 limited"
 
 
-def _free(name: str, plan: Plan) -> str:
+def _free(name: str, taken: Container[str]) -> str:
     """A name that no variable has."""
-    taken = {v.name for v in variables(plan)}
     while name in taken:
         name += "_"
     return name
-
-
-def _status_name(plan: Plan) -> str:
-    return _free("status", plan)
-
-
-def build_description(plan: Plan) -> str:
-    """Text of sources/buildDescription.xml of FMI 3.0."""
-    return f"""<?xml version="1.0" encoding="UTF-8"?>
-<fmiBuildDescription fmiVersion="3.0">
-  <BuildConfiguration modelIdentifier="{plan.name}">
-    <SourceFileSet language="C99">
-      <SourceFile name="{plan.name}.c"/>
-      <SourceFile name="fmi3.c"/>
-    </SourceFileSet>
-    <Library name="m" external="true"/>
-  </BuildConfiguration>
-</fmiBuildDescription>
-"""
 
 
 def page(plan: Plan) -> str:

@@ -19,6 +19,7 @@ from slipctl.ccode.tree.graph import (
     DOT,
     JOINED,
     LARGEST,
+    NORMS,
     PRODUCT,
     SLICE,
     SMALLEST,
@@ -432,19 +433,22 @@ class Arrays(Writer):
             self.lines += loop(node.detail, c.assign(to, values[0], "+="))
             self.values[k] = Value(place(name, 0), ATOM)
             return
-        name, start = c.name(self._name(k)), constant(0.0)
-        if node.op in (SUM_OF, DOT):
-            if node.op == DOT:
-                left, right = (self._operand(a, 7) for a in node.args)
-                values = [c.op(left, "*", right)]
-            turn = c.assign(name, values[0], "+=")
-        else:
-            way = "greater" if node.op == LARGEST else "lesser"
-            start = expression(f"{'-' * (node.op == LARGEST)}(double)INFINITY")
+        name, start, turn = c.name(self._name(k)), constant(0.0), None
+        if node.op in (ca.OP_NORM1, ca.OP_NORMINF):
+            values = [c.call("fabs", values)]
+        if node.op in (DOT, ca.OP_NORMF):
+            left, right = (self._operand(a, 7) for a in (*node.args, *node.args)[:2])
+            values = [c.op(left, "*", right)]
+        if node.op in (LARGEST, SMALLEST, ca.OP_NORMINF):
+            way = "lesser" if node.op == SMALLEST else "greater"
+            if node.op != ca.OP_NORMINF:
+                start = expression(f"{'-' * (node.op == LARGEST)}(double)INFINITY")
             self.helpers.add(way)
             turn = c.assign(name, c.call(way, [name, values[0]]))
+        turn = turn or c.assign(name, values[0], "+=")
         self.lines += [c.declare("double", name, start), *loop(node.detail, turn)]
-        self.values[k] = Value(name, ATOM)
+        root = node.op == ca.OP_NORMF
+        self.values[k] = Value(c.call("sqrt", [name]) if root else name, ATOM)
 
     def _called(self, k: int, node: Step) -> None:
         g, number_of, slots = node.detail
@@ -489,6 +493,6 @@ class Arrays(Writer):
 _BUILT: dict[int, Callable[[Arrays, int, Step], None]] = {
     JOINED: Arrays._joined, CHOSEN: Arrays._chosen, PRODUCT: Arrays._product,
     SPARSE_PRODUCT: Arrays._sparse_product,
-    **dict.fromkeys((SUM_OF, LARGEST, SMALLEST, DOT), Arrays._folded),
+    **dict.fromkeys((SUM_OF, LARGEST, SMALLEST, DOT, *NORMS), Arrays._folded),
 }  # fmt: skip
 """How what takes several statements is written."""

@@ -116,11 +116,11 @@ _OWN = {
 class StaticC:
     """CasADi's C of some Functions, cleaned."""
 
-    made: tuple[Node, ...]
-    entries: list[str]
-    work: tuple[int, int, int, int]
-    helpers: frozenset[str]
-    copied: bool
+    made: tuple[Node, ...] = ()
+    entries: tuple[str, ...] = ()
+    work: tuple[int, int, int, int] = (0, 0, 0, 0)
+    helpers: frozenset[str] = frozenset()
+    copied: bool = False
 
 
 def static_c(functions: Sequence[ca.Function], docs: Mapping[str, str], where: str) -> StaticC:
@@ -155,7 +155,7 @@ def static_c(functions: Sequence[ca.Function], docs: Mapping[str, str], where: s
     made = tuple(c.with_calls(n, new | _OWN) for n in own)
     sizes = [max(_sizes(whole, f"sz_{k}"), default=0) for k in ("arg", "res", "iw", "w")]
     return StaticC(
-        made, [new.get(w, w) for w in wrappers], (sizes[0], sizes[1], sizes[2], sizes[3]),
+        made, tuple(new.get(w, w) for w in wrappers), (sizes[0], sizes[1], sizes[2], sizes[3]),
         frozenset(helpers), len(new) < len(kept),
     )  # fmt: skip
 

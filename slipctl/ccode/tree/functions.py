@@ -7,7 +7,9 @@ by address, or as what it returns if it has one number. A map and an accumulatio
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from copy import copy
 from dataclasses import dataclass, field
+from typing import Any
 
 import casadi as ca
 
@@ -70,6 +72,14 @@ class Functions:
     repeats: dict[int, tuple[ca.Function, Again | None]] = field(default_factory=dict)
     vector_names: VectorNames = field(default_factory=dict)
     enums: dict[str, tuple[str, int]] = field(default_factory=dict)
+
+    def mark(self) -> dict[str, Any]:
+        """What there is so far, for :meth:`go_back`."""
+        return {k: copy(v) for k, v in vars(self).items() if isinstance(v, (dict, set))}
+
+    def go_back(self, mark: Mapping[str, Any]) -> None:
+        """Forget what has come since."""
+        vars(self).update(mark)
 
     def name(self, f: ca.Function) -> str:
         """C name of a Function, which is written if it is not there yet.

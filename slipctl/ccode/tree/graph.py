@@ -20,6 +20,7 @@ from slipctl.ccode.tree.expressions import Node, Unsupported, choice, known_oper
 """Operations beside those of CasADi on numbers."""
 
 SAME = {ca.OP_RESHAPE, ca.OP_SPARSITY_CAST}
+NORMS = (ca.OP_NORM1, ca.OP_NORMF, ca.OP_NORMINF)
 
 
 @dataclass(frozen=True)
@@ -141,6 +142,10 @@ def steps(f: ca.Function, names: dict[int, str] | None = None) -> tuple[list[Nod
                     add(Step(SLICE, args, size=part, detail=(offset, 1)), slot, n)
                 offset += part
         else:
+            if op == ca.OP_SETNONZEROS:  # elements of what it was, and of what is put in
+                both = sum(mx.dep(k).nnz() for k in range(2))
+                nodes.append(Step(JOINED, args, size=both))
+                args = (len(nodes) - 1,)
             add(_step(op, args, size, mx, nodes), o[0])
     for number in range(f.n_out()):
         found = segments.get(number, [])
@@ -185,7 +190,7 @@ def _step(op: int, args: tuple[int, ...], size: int, mx: ca.MX, nodes: Sequence[
         if op == ca.OP_VERTCAT and not columns:
             raise Unsupported("vertcat of matrices")
         return Step(JOINED, args, size=size)
-    if op == ca.OP_GETNONZEROS:
+    if op in (ca.OP_GETNONZEROS, ca.OP_SETNONZEROS):
         return _nonzeros(args, size, mx)
     if op == ca.OP_PROJECT:
         have, want = mx.dep(0).sparsity(), mx.sparsity()
@@ -198,6 +203,8 @@ def _step(op: int, args: tuple[int, ...], size: int, mx: ca.MX, nodes: Sequence[
     if op in (ca.OP_MMAX, ca.OP_MMIN) and mx.dep(0).is_dense():
         kind = LARGEST if op == ca.OP_MMAX else SMALLEST
         return Step(kind, args, size=size, detail=mx.dep(0).nnz())
+    if op in NORMS and mx.dep(0).is_dense():
+        return Step(op, args, size=size, detail=mx.dep(0).nnz())
     if op == ca.OP_DOT:
         return Step(DOT, args, size=size, detail=mx.dep(0).nnz())
     if op == ca.OP_MTIMES and all(mx.dep(k).is_dense() for k in range(3)):
@@ -216,11 +223,13 @@ def _step(op: int, args: tuple[int, ...], size: int, mx: ca.MX, nodes: Sequence[
 
 def _nonzeros(args: tuple[int, ...], size: int, mx: ca.MX) -> Step:
     """Which nonzeros are taken, found by asking CasADi with their numbers as values."""
-    source = mx.dep(0)
-    x = ca.MX.sym("x", source.sparsity())
-    f = ca.Function("which", [x], [ca.graph_substitute(mx, [source], [x])])
-    picked = f(ca.DM(source.sparsity(), list(range(source.nnz()))))
-    taken = [int(v) for v in picked.nonzeros()]
+    sources = [mx.dep(k) for k in range(mx.n_dep())]
+    symbols = [ca.MX.sym("x", s.sparsity()) for s in sources]
+    f = ca.Function("which", symbols, [ca.graph_substitute(mx, sources, symbols)])
+    ends = list(itertools.accumulate((s.nnz() for s in sources), initial=0))
+    numbers = [ca.DM(s.sparsity(), list(range(*e)))
+               for s, e in zip(sources, itertools.pairwise(ends), strict=True)]  # fmt: skip
+    taken = [int(v) for v in f.call(numbers)[0].nonzeros()]
     stride = taken[1] - taken[0] if len(taken) > 1 else 1
     if stride > 0 and taken == [taken[0] + stride * k for k in range(len(taken))]:
         return Step(SLICE, args, size=size, detail=(taken[0], stride))

@@ -8,7 +8,7 @@ node is printed as it was made.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -273,3 +273,15 @@ def variables(nodes: Iterable[Node]) -> set[str]:
 def swap_all(nodes: Iterable[Node], names: dict[str, Node]) -> list[Node]:
     """Nodes with other nodes in the place of variables."""
     return [n.swap(names) for n in nodes]
+
+
+def drop_unused(lines: Sequence[Node], rest: Sequence[Node]) -> list[Node]:
+    """Leave out constants that nothing uses after them."""
+    used = words(rest)
+    kept: list[Node] = []
+    for line in reversed(lines):
+        made = target(line) if line.kind == "declare" and line.head.startswith("const ") else None
+        if made is None or made.base.head in used:
+            used |= line.words
+            kept.append(line)
+    return kept[::-1]

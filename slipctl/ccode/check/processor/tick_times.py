@@ -15,32 +15,12 @@ from slipctl.ccode.check.vectors.run_inputs import record_part
 from slipctl.ccode.codegen import c_module
 from slipctl.ccode.compile.compilers import compile_object, compilers, link, version
 from slipctl.ccode.compile.module import CModule, input_rows
+from slipctl.ccode.compile.template import fill_template
 from slipctl.errors import check_whole
 from slipctl.run.rail import Scenario
 
 if TYPE_CHECKING:
     import xarray
-
-_CLOCKED = """#define _POSIX_C_SOURCE 199309L
-#include "{n}.h"
-
-#include <time.h>
-
-void clocked(int ticks, const {n}_in *in, const {n}_param *param, {n}_state *state, double *taken);
-
-void clocked(int ticks, const {n}_in *in, const {n}_param *param, {n}_state *state, double *taken)
-{{
-    {n}_out out;
-    for (int k = 0; k < ticks; ++k) {{
-        struct timespec a;
-        struct timespec b;
-        (void)clock_gettime(CLOCK_MONOTONIC, &a);
-        (void){n}_step(&in[k], param, state, &out);
-        (void)clock_gettime(CLOCK_MONOTONIC, &b);
-        taken[k] = (double)(b.tv_sec - a.tv_sec) + 1e-9 * (double)(b.tv_nsec - a.tv_nsec);
-    }}
-}}
-"""
 
 
 def step_times(
@@ -101,7 +81,7 @@ def _clocked(module: CModule, folder: Path, real: str) -> CModule:
     """The module, loaded with the function that clocks its steps."""
     module.compile()
     source, made = folder / "clocked.c", module.object_file.parent
-    source.write_text(_CLOCKED.format(n=module.name), encoding="utf-8")
+    source.write_text(fill_template("clock.c", n=module.name), encoding="utf-8")
     compile_object(compilers()[0], source, made / "clocked.o", "-fPIC")
     objects = [module.object_file, made / "bind.o", made / "clocked.o"]
     link(compilers()[0], objects, made / "clocked.so", "-shared")

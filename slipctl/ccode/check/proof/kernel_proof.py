@@ -50,19 +50,15 @@ class Function:
     patterns: set[Pattern] = field(default_factory=set)
 
 
-def has_kernel(text: str) -> bool:
-    """Whether a module has text of CasADi."""
-    return KERNEL[0] in text
-
-
 def text_with_contracts(
-    name: str, text: str, real: str, work: tuple[int, int]
+    name: str, file: str, text: str, real: str, work: tuple[int, int]
 ) -> tuple[dict[str, str], int]:
     """What is analysed of a module with CasADi's text.
 
     Args:
         name: of the module.
-        text: its C.
+        file: of its parts, which has CasADi's text.
+        text: C of this file.
         real: its type of numbers.
         work: integers and numbers of the scratch that it gives to CasADi's text.
 
@@ -76,7 +72,7 @@ def text_with_contracts(
     within = {n.parts[0].head for n in code(text[begin:end]) if n.kind == "function"}
     functions = {f.name: f for n in whole if n.parts[0].head in within and (f := _read(n))}
     if not functions:
-        return {f"{name}.c": text}, 0
+        return {file: text}, 0
     _rooms(functions)
     rest = block(n.parts[1] for n in whole if n.parts[0].head not in functions)
     _follow(functions, Function("", rest, (), (), ()), ((), ()))  # what is followed as it is
@@ -88,7 +84,7 @@ def text_with_contracts(
     sizes = sorted({n for f in used for n in (*f.takes, *f.gives) if n})
     proofs = _proofs(used, real, work)
     return {
-        f"{name}.c": replaced.replace(f"/* {KERNEL[0]} */", f'#include "{CONTRACTS}"', 1),
+        file: replaced.replace(f"/* {KERNEL[0]} */", f'#include "{CONTRACTS}"', 1),
         CONTRACTS: "\n".join(_contracts(used, sizes, real, work)) + "\n",
         PROOFS: "\n".join([f'#include "{name}.c"', *proofs]) + "\n",
     }, sum(len(f.patterns) for f in used)

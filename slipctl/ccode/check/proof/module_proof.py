@@ -11,18 +11,16 @@ from __future__ import annotations
 import csv
 import os
 import re
-import shutil
-import subprocess
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from slipctl.ccode.check.proof import function_proof, kernel_proof
+from slipctl.ccode.compile.programs import find_program, run_program, scratch_folder
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes.split_step import equations_call
-from slipctl.errors import BadInput, RunFailed
+from slipctl.errors import RunFailed
 
 SECONDS = 120
 """CPU time in s for a proof; a module that is not through by then is not proven."""
@@ -69,12 +67,7 @@ def tool() -> str:
     Raises:
         BadInput: not installed.
     """
-    found = shutil.which("frama-c")
-    if found is None:
-        raise BadInput(
-            "--prove needs frama-c; install it (Debian, Ubuntu: apt install frama-c-base)"
-        )
-    return found
+    return find_program("frama-c", "--prove", "frama-c-base")
 
 
 def harness(plan: Plan) -> str:
@@ -192,17 +185,14 @@ def run_eva(
     files, contracts = _with_contracts(plan, texts)
     free = any_results(plan, files[f"{n}.c"])
     halves = free != files[f"{n}.c"]
-    with tempfile.TemporaryDirectory(prefix="slipctl_") as scratch:
-        folder = Path(scratch)
-        programs = {f"{n}.h": made[f"{n}.h"], **files, HARNESS: harness(plan), GUARDS: free}
-        programs |= {EQUATIONS: equations_harness(plan)} if halves else {}
-        for name, content in programs.items():
-            (folder / name).write_text(content, encoding="utf-8")
-        asked = [
-            [HARNESS, GUARDS],
-            *[[EQUATIONS]] * halves,
-            *[[kernel_proof.PROOFS]] * bool(contracts),
-        ]
+    programs = {f"{n}.h": made[f"{n}.h"], **files, HARNESS: harness(plan), GUARDS: free}
+    asked = [[HARNESS, GUARDS]]
+    if halves:
+        programs[EQUATIONS] = equations_harness(plan)
+        asked.append([EQUATIONS])
+    if contracts:
+        asked.append([kernel_proof.PROOFS])
+    with scratch_folder(programs) as folder:
         found = [_analysed(folder, [tool(), *a, *options, *FREE], seconds) for a in asked]
         ended = all(rows is not None for rows, _ in found)
         strict = None
@@ -220,7 +210,7 @@ def run_eva(
         r["file"] == kernel_proof.PROOFS and r["property kind"] == "user check"
         and r["status"] == "Valid" for r in rows
     )  # fmt: skip
-    said = subprocess.run([tool(), "-version"], capture_output=True, text=True, check=False)
+    said = run_program([tool(), "-version"])
     return {
         "tool": f"Frama-C {said.stdout.strip()}, Eva",
         "options": " ".join([*FREE, *options]),
@@ -240,9 +230,11 @@ def _with_contracts(plan: Plan, texts: Mapping[str, str]) -> tuple[dict[str, str
     """Text to prove by name, and how many functions are proven each by itself where that is so."""
     n = plan.name
     files = {f: written_out(t) for f, t in texts.items()}
-    if kernel_proof.has_kernel(texts[f"{n}.c"]):
-        work = plan.equations.work[2:]
-        found, contracts = kernel_proof.text_with_contracts(n, files[f"{n}.c"], plan.real, work)
+    if plan.equations.static:
+        home, (_, _, iw, w) = plan.files[1], plan.equations.work
+        found, contracts = kernel_proof.text_with_contracts(
+            n, home, files[home], plan.real, (iw, w - plan.equations.in_arrays)
+        )
         return files | found, contracts
     if plan.equations.arrays:
         called = plan.equations.functions
@@ -401,11 +393,8 @@ def _analysed(
     told = folder / "told.csv"
     told.unlink(missing_ok=True)
     before = os.times()
-    done = subprocess.run(
-        ["sh", "-c", f'ulimit -t {seconds}; exec "$@"', "sh", *command, "-then", "-report",
-         "-report-csv", told.name],
-        cwd=folder, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    limited = ["sh", "-c", f'ulimit -t {seconds}; exec "$@"', "sh", *command]
+    done = run_program([*limited, "-then", "-report", "-report-csv", told.name], folder)
     after = os.times()
     used = sum(after[2:4]) - sum(before[2:4])
     if done.returncode < 0 or used >= 0.98 * seconds:  # it is told to stop, and says so itself

@@ -106,14 +106,10 @@ def accepted_rows(
         rows: input elements, one row per tick.
         values: of all parameters by name.
     """
-    most = np.finfo(np.float32 if plan.real == "float" else np.float64).max
-    if plan.coupled:
-        found = plan.ends_of_inputs(values)
-        return guard.accepted_together(
-            rows, found, plan.stale, float(most), plan.period, plan.judged
-        )
-    ends = plan.ends(plan.layout.inputs, values)
-    return guard.accepted_inputs(rows, *ends, plan.stale, float(most), plan.period, plan.judged)
+    most = float(np.finfo(np.float32 if plan.real == "float" else np.float64).max)
+    inputs = plan.layout.inputs
+    ends = plan.ends_of_inputs(values) if plan.coupled else plan.ends(inputs, values)
+    return guard.accepted_inputs(rows, ends, plan.stale, most, plan.period, plan.judged)
 
 
 def missed_ticks(good: np.ndarray) -> np.ndarray:

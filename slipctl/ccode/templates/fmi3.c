@@ -1,3 +1,7 @@
+@head@
+
+@core@
+
 /* ---- FMI 3.0 for Co-Simulation -------------------------------------------------------------- */
 
 #ifdef FMI3_FUNCTION_PREFIX

@@ -1,3 +1,7 @@
+@head@
+
+@core@
+
 /* ---- FMI 2.0 for Co-Simulation -------------------------------------------------------------- */
 
 #ifdef FMI2_FUNCTION_PREFIX

@@ -82,7 +82,8 @@ static void reset(model *m)
 {
     (void)memset(m, 0, sizeof(*m));
     @n@_default(&m->param);
-@inputs@}
+@inputs@
+}
 
 static instance *made(const char *name, const char *token, bool logging)
 {
@@ -98,17 +99,32 @@ static instance *made(const char *name, const char *token, bool logging)
     return c;
 }
 
-@access@@helpers@/* Start state: of the module, then what was set, then what is computed from either. */
+//@ if n_state
+@access@
+
+//@ end
+//@ if helpers
+@helpers@
+
+//@ end
+/* Start state: of the module, then what was set, then what is computed from either. */
 static int start(model *m)
 {
     int status = @n@_init(&m->param, &m->state);
     if (m->chosen) {
         int k;
         status = @n@_tune(&m->param, &m->state);
-@look@        for (k = 0; k < STATES; ++k) {
+//@ if n_state
+        numbers_of(&m->state.kept, m->seen);
+//@ end
+        for (k = 0; k < STATES; ++k) {
             m->seen[k] = m->given[k] ? m->first[k] : m->seen[k];
         }
-@take@@starts@        if (@wrong@) {
+//@ if n_state
+        take_numbers(m->seen, &m->state.kept);
+//@ end
+@starts@
+        if (@wrong@) {
             status = @big@_BAD_PARAM;
         }
     }
@@ -138,7 +154,8 @@ static int number_of(uint32_t reference)
 static real *place(model *m, int k)
 {
     real *found = NULL;
-@places@    return found;
+@places@
+    return found;
 }
 
 static int read_real(instance *c, const uint32_t *variables, size_t count, double *values)
@@ -146,7 +163,10 @@ static int read_real(instance *c, const uint32_t *variables, size_t count, doubl
     model *const m = &c->m;
     size_t k;
     look(m);
-@look_now@    for (k = 0; k < count; ++k) {
+//@ if n_state
+    numbers_of(&m->state.kept, m->seen);
+//@ end
+    for (k = 0; k < count; ++k) {
         const int v = number_of(variables[k]);
         const real *found = place(m, v);
         if (v == TIME) {
