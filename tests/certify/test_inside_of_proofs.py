@@ -11,10 +11,10 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from slipctl.certify.arithmetic import decimal_intervals
-from slipctl.certify.planar import lagged_maps
-from slipctl.certify.planar.lagged_maps import Lagged, lag_numbers
-from slipctl.certify.planar.scalar_maps import CubicPull, Interval
 from slipctl.certify.smooth.sums_check import _positive
+from slipctl.models.bounded_error.certificate import lagged_maps
+from slipctl.models.bounded_error.certificate.lagged_maps import Lagged, lag_numbers
+from slipctl.models.bounded_error.certificate.scalar_maps import CubicPull, Interval
 from slipctl.models.cheng_2022.certificate.dither_search import TIE, first_of_the_best
 from slipctl.models.huang_2020.certificate import reaching_law_kind
 from slipctl.models.huang_2020.certificate.relay_orbits import _period

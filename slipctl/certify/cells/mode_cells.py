@@ -12,9 +12,10 @@ from __future__ import annotations
 import base64
 import math
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -313,14 +314,34 @@ def _joined(a: Any, b: Any) -> Any:
 
 def places_in_ranges(low: np.ndarray, high: np.ndarray, count: Sequence[int]) -> np.ndarray:
     """Places of all cells from the first to the last one along each axis, by row."""
+    span = high - low + 1
+    if span.astype(float).prod(axis=1).sum() > math.prod(count):  # many share their cells
+        return np.flatnonzero(_cover(low, high, count))
     strides = np.array([math.prod(count[k + 1 :]) for k in range(len(count))], np.int64)
-    base, span = low @ strides, high - low + 1
+    base = low @ strides
     many, found = np.max(span, axis=0, initial=0) + 1, []
     shapes, of = _distinct(np.ravel_multi_index(span.T, many))
     for k, shape in enumerate(zip(*np.unravel_index(shapes, many), strict=True)):
         offsets = sum(np.ix_(*(np.arange(n) * s for n, s in zip(shape, strides, strict=True))))
         found.append((base[of == k, None] + np.ravel(offsets)).reshape(-1))
     return np.concatenate(found) if found else base
+
+
+def _cover(low: np.ndarray, high: np.ndarray, count: Sequence[int]) -> np.ndarray:
+    """How many rows cover each cell, summed up from the corners of their ranges."""
+    total = np.zeros([c + 1 for c in count], np.int32)
+    for at, sign in _corners(low, high):
+        np.add.at(total, at, sign)
+    for axis in range(len(count)):
+        np.cumsum(total, axis=axis, out=total)
+    return total[tuple(slice(c) for c in count)].reshape(-1)
+
+
+def _corners(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[tuple[np.ndarray, ...], int]]:
+    """Corners of ranges of cells, one beyond the last, and the sign with which each counts."""
+    for ends in product((0, 1), repeat=low.shape[1]):
+        sides = [high[:, k] + 1 if upper else low[:, k] for k, upper in enumerate(ends)]
+        yield tuple(sides), -1 if sum(ends) % 2 else 1
 
 
 def _distinct(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -406,13 +427,8 @@ def _totals(held: np.ndarray, count: Sequence[int]) -> np.ndarray:
 
 def _counted(total: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Cells of a set from the first to the last one along each axis, by row."""
-    axes = low.shape[1]
     found = np.zeros(len(low), np.int64)
-    for corner in range(2**axes):
-        at, sign = [], 1
-        for k in range(axes):
-            upper = corner >> k & 1
-            at.append(high[:, k] + 1 if upper else low[:, k])
-            sign *= 1 if upper else -1
-        found += sign * total[tuple(at)].astype(np.int64)
+    turn = -1 if low.shape[1] % 2 else 1
+    for at, sign in _corners(low, high):
+        found += turn * sign * total[at].astype(np.int64)
     return found

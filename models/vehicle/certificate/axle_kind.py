@@ -33,6 +33,7 @@ from slipctl.certify.promise import (
     number_text,
     rounded_up,
 )
+from slipctl.certify.registry import register_of_loop
 from slipctl.certify.smooth.sampled_loop import Cell, SampledLoop
 from slipctl.certify.smooth.sums import Bounds, NoProof, check_cell, find_cell
 from slipctl.certify.smooth.tube import check_tube, find_tube
@@ -402,3 +403,6 @@ def axle_system(build: Build | None, why: list[str] | None = None) -> System:
             " further off; while the demand rules",
         ), loop=question, time=lambda n: SAMPLED,
     )  # fmt: skip
+
+
+register_of_loop(axle_system(None))

@@ -30,6 +30,7 @@ from slipctl.certify.promise import (
     System,
     number_text,
 )
+from slipctl.certify.registry import register_of_loop
 from slipctl.certify.ticks.tick_code import TickCode, read_code
 from slipctl.errors import BadInput
 
@@ -248,3 +249,6 @@ def slide_system(build: Callable[[Numbers], ModeLoop] | None) -> System:
                " while a watchdog, or samples that are not believed, give the demand",),
         loop=question, time=lambda n: SAMPLED,
     )  # fmt: skip
+
+
+register_of_loop(slide_system(None), proved_last=True)
