@@ -13,10 +13,10 @@ from fractions import Fraction
 from typing import Any
 
 from slipctl.certify.arithmetic.decimal_intervals import Interval
-from slipctl.certify.cells.mode_cells import ModeLoop
+from slipctl.certify.cells.mode_cells import ModeLoop, Range
 from slipctl.certify.cells.mode_runs import farthest_of_runs
-from slipctl.certify.cells.switched_loop import Question, Range, Stay, read_names
-from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
+from slipctl.certify.cells.questions import Question, Stay
+from slipctl.certify.entries import DoesNotHold, rational, read_mapping, read_names, rows, whole
 from slipctl.certify.promise import (
     INPUT,
     SAMPLED,

@@ -80,14 +80,15 @@ class Boxes(ArrayOperations):
 
     def _times(self, by: float) -> Boxes:
         """Product by one number."""
+        if by == 0:
+            return Boxes(np.zeros_like(self.low), np.zeros_like(self.high))
         ends = (self.low, self.high) if by >= 0 else (self.high, self.low)
         with np.errstate(invalid="ignore"):
             low, high = ends[0] * by, ends[1] * by
         if by in (-1.0, 1.0):
             return Boxes(low, high)
-        zero = np.zeros(1)
-        return Boxes(np.where(ends[0] == 0, zero, _down(low)),
-                     np.where(ends[1] == 0, zero, -_down(-high)) if by else zero)  # fmt: skip
+        return Boxes(np.where(ends[0] == 0, 0.0, _down(low)),
+                     np.where(ends[1] == 0, 0.0, -_down(-high)))  # fmt: skip
 
     __radd__, __rmul__ = __add__, __mul__
 

@@ -190,6 +190,7 @@ def run_ticks(loop: ModeLoop) -> int:
     return 500 * min(max(round(loop.stride / 2.5), 1), 4)
 
 
-def runs_of_loop(loop: ModeLoop) -> Runs:
-    """Runs of a loop."""
-    return worst_runs(loop, run_ticks(loop))
+def runs_of_loop(loop: ModeLoop, most: int | None = None) -> Runs:
+    """Runs of a loop, of so many ticks at most."""
+    ticks = run_ticks(loop)
+    return worst_runs(loop, ticks if most is None else min(ticks, most))
