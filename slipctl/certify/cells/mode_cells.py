@@ -44,6 +44,9 @@ CHUNK = 8_000
 
 Range = tuple[Fraction, Fraction]
 
+Ends = tuple[Fraction | None, Fraction | None]
+"""Least and largest value that a state may have; None where nothing bounds it."""
+
 
 @dataclass(frozen=True)
 class ModeLoop:
@@ -95,11 +98,13 @@ class Grid:
 
     Attributes:
         origin: where each axis begins, in cells. size: of a cell. count: cells along each axis.
+        box: ends of each axis, in floats, beyond which no cell counts: no image may lie there.
     """
 
     origin: tuple[int, ...]
     size: tuple[Fraction, ...]
     count: tuple[int, ...]
+    box: tuple[tuple[float, float], ...] = ()
 
     @property
     def places(self) -> int:
@@ -107,12 +112,15 @@ class Grid:
         return math.prod(self.count)
 
     def ends(self, places: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Ends of cells by their place, exact in floats."""
+        """Ends of cells by their place, as far as they are within the box; exact in floats."""
         found = []
         for k, index in enumerate(np.unravel_index(places, self.count)):
             at = (index + self.origin[k]).astype(float)
             size = float(self.size[k])
-            found.append((at * size, (at + 1) * size))
+            low, high = at * size, (at + 1) * size
+            if self.box:
+                low, high = np.maximum(low, self.box[k][0]), np.minimum(high, self.box[k][1])
+            found.append((np.minimum(low, high), high))
         return found
 
     def touched(self, boxes: Sequence[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -129,6 +137,20 @@ class Grid:
         """Entries of a file."""
         return {"origin": list(self.origin), "size": [str(s) for s in self.size],
                 "count": list(self.count)}  # fmt: skip
+
+
+def float_box(loop: ModeLoop, bounds: Mapping[str, Ends]) -> tuple[tuple[float, float], ...]:
+    """Least and largest value of each real state that bounds allow, in floats rounded outwards."""
+    found = []
+    for name in loop.reals:
+        low, high = bounds.get(name, (None, None))
+        found.append(
+            (
+                -math.inf if low is None else float(Boxes.around(low, low).low[0]),
+                math.inf if high is None else float(Boxes.around(high, high).high[0]),
+            )
+        )
+    return tuple(found)
 
 
 def dyadic(size: float) -> Fraction:

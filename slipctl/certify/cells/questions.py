@@ -122,7 +122,8 @@ class Question:
     def _searched(self, n: Numbers) -> Entries | None:
         try:
             loop = self.loop(n)
-            found = find_cells(loop, self._bounds(n), self.runs(loop, self.within(n)), self.work)
+            runs = self.runs(loop, self.within(n))
+            found = find_cells(loop, self._bounds(n), runs, self.work)
         except (NoProof, ArithmeticError) as error:
             self.why.append(str(error))
             return None

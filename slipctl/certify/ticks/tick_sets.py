@@ -44,6 +44,9 @@ __all__ = ["Loop", "Stay", "SwitchedLoop", "clip", "exp", "if_else", "root", "sg
 MOST_TICKS = 5000
 """Most ticks of a run that is summed up."""
 
+FEW = WORK // 10
+"""Operations of a search of cells without modes, so that an answer is there within seconds."""
+
 Values = Mapping[str, Any]
 
 Bound = str | tuple[str, str]
@@ -59,8 +62,8 @@ class Loop:
         start: by real state what bounds it at the start, a number or two.
         pushed: by what pushes what bounds it in each tick.
         stays: by state the number that it never has to exceed, |x| <= it; or a ``Stay``.
-        within: number of ticks for which that is asked; without it, it is asked for ever.
         modes: states that are whole numbers, with their value at the start.
+        within: number of ticks for which that is asked; without it, it is asked for ever.
         why: is filled where no cells prove it. work: operations that a search of cells may take.
     """
 
@@ -68,8 +71,8 @@ class Loop:
     start: Mapping[str, Bound]
     pushed: Mapping[str, Bound]
     stays: Mapping[str, str | Stay]
-    within: str = ""
     modes: Mapping[str, int] = field(default_factory=dict)
+    within: str = ""
     why: list[str] = field(default_factory=list, compare=False)
     work: int = WORK
     _codes: dict[tuple[str, ...], TickCode] = field(default_factory=dict, repr=False, compare=False)
@@ -181,7 +184,7 @@ class Loop:
             stays = {x: s if isinstance(s, Stay) else Stay(s, f"|{x}|", both=True)
                      for x, s in self.stays.items()}  # fmt: skip
             self._made.append(Question(
-                self.loop, stays, self._covered, self.why, self.work,
+                self.loop, stays, self._covered, self.why, self.work if self.modes else FEW,
                 lambda n: self.ticks(n, MOST_TICKS) if self.within else None,
             ))  # fmt: skip
         return self._made[0]
