@@ -3,7 +3,8 @@
 The cases are those of the adversaries. The largest disturbance that a system's own proof certifies
 is found by halves of a ratio; then the same sentence is asked of the generic proofs, cells and
 sums, at SHARE of it. The funnel and the barrier are written as their error over its bound, with the
-command that is on its way; a step of the reference is a mode. A tick of a person is asked as it is.
+command that is on its way; a step of the reference is a mode. What they lose stays with its own
+proof; docs/architecture.md has the table.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ import argparse
 import json
 import math
 import os
-import random
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from statistics import median
@@ -27,7 +28,7 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 import casadi as ca
 import numpy as np
-from adversary import common, user_ticks
+from adversary import common
 
 from slipctl.certify import proofs
 from slipctl.certify.catalogue import system
@@ -168,8 +169,6 @@ def by_cells(made: tuple[Any, ...]) -> bool:
 
 
 def _still(law: Any) -> Any:
-    from dataclasses import replace
-
     return replace(law, r=1.0, g=0.0)
 
 
@@ -278,87 +277,19 @@ def of_linear(n: dict[str, Fraction]) -> dict[str, Any] | None:
             "case": common.as_set({k: float(v) for k, v in n.items()})}  # fmt: skip
 
 
-# ---- ticks of persons ---------------------------------------------------------------------------
-
-
-def of_ticks(seed: int) -> dict[str, Any] | None:
-    """One random tick: the largest push that cells of ``tick_sets`` prove, and those with modes."""
-    from slipctl.certify.promise import INPUT, TARGET, Number, System
-    from slipctl.certify.ticks.tick_code import with_constants
-    from slipctl.certify.ticks.tick_sets import Loop
-    from slipctl.errors import BadInput
-
-    rng = random.Random(seed)
-    written, states = user_ticks.source(rng)
-    scope: dict[str, Any] = {}
-    exec(user_ticks.PRELUDE + written, scope)
-    numbers = {"K": Fraction(rng.choice((1, 3, 5)), 8), "e0": Fraction(rng.choice((0, 1, 2)), 2),
-               "W": Fraction(3, 10)}  # fmt: skip
-    far = user_ticks.runs(scope["tick"], states, numbers, rng, float, 6, 60)
-    numbers["band"] = Fraction(f"{min(far * 1.2, 1e6) or 0.3:.4g}")
-    loop = Loop(scope["tick"], dict.fromkeys(states, "e0"), {"w": "W"}, {"e": "band"})
-    declared = {
-        "K": Number("1", "gain", low="any"), "e0": Number("1", "start", 0.0, "not negative"),
-        "W": Number("1", "w", 0.0, "not negative", role=INPUT, says="every |w| <= {}"),
-        "band": Number("1", "wanted", optional=True, role=TARGET),
-    }  # fmt: skip
-    own = System("own", "a tick", declared, {}, loop.targets(), loop.says_start(), loop=loop)
-    start = process_time()
-    try:
-        c = loop.criteria(proofs.exact_numbers(own, numbers))["cells"]
-        if "W" not in c.covers:
-            return None
-        most = largest(
-            lambda W: proofs._try(c, proofs.exact_numbers(own, {**numbers, "W": W})) is not None,
-            numbers["W"],
-        )
-    except BadInput:
-        return None
-    if most is None or most > 1000:
-        return None
-    spent = (process_time() - start) / (HALVINGS + 2)
-    n = proofs.exact_numbers(own, {**numbers, "W": most * SHARE})
-    begun = process_time()
-    code = with_constants(loop.code(n), {f"n_{k}": v for k, v in n.items()})
-    own_loop = ModeLoop(
-        code, tuple(states), (), ((-n["e0"], n["e0"]),) * len(states), (),
-        {"w": (-n["W"], n["W"])}, ("e",),
-    )  # fmt: skip
-    try:
-        find_cells(own_loop, {"e": (-n["band"], n["band"])}, runs_of_loop(own_loop), WORK)
-        celled = True
-    except (NoProof, ArithmeticError, DoesNotHold):
-        celled = False
-    middle = process_time()
-    summed = proofs._try(loop.criteria(n)["sums"], n) is not None
-    return {"kind": f"{len(states)} states", "largest": float(most), "sums": summed,
-            "cells": celled, "special_s": spent, "sums_s": process_time() - middle,
-            "cells_s": middle - begun, "case": f"seed {seed}"}  # fmt: skip
-
-
 # ---- all of it ----------------------------------------------------------------------------------
 
 
 def rows(name: str, cases: int, seed: int) -> list[dict[str, Any]]:
     """Cases of an adversary, each with what the generic proofs say."""
     found: list[dict[str, Any]] = []
-    if name == "user_ticks":
-        i = 0
-        while len(found) < cases and i < 20 * cases:
-            row = of_ticks(seed * 1_000_000 + i)
-            found += [row] if row else []
-            i += 1
-        return found
     adversary = common.adversaries()[name]
     drawn = adversary.draw(np.random.default_rng([seed, 93]), cases)
     for numbers in common.singles({k: common.rounded(v) for k, v in drawn.items()}):
         n = {k: Fraction(f"{v:.10g}") for k, v in numbers.items()}
         linear = name == "lagged_loop"
         row = of_linear(n) if linear else of_bounds(name, kind_of(name, numbers), n)
-        if row:
-            found.append(row)
-            print(name, row["kind"], row["sums"], row["cells"], f"{row['cells_s']:.1f}",
-                  row["case"], flush=True)  # fmt: skip
+        found += [row] if row else []
     return found
 
 
@@ -377,7 +308,7 @@ def table(found: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
     return out
 
 
-NAMES = ("lagged_loop", "prescribed_performance", "barrier_lyapunov", "user_ticks")
+NAMES = ("lagged_loop", "prescribed_performance", "barrier_lyapunov")
 
 
 def main() -> int:
