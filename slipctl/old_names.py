@@ -18,6 +18,7 @@ from types import ModuleType
 
 MOVED = {
     "slipctl.analysis.bounding": "slipctl.analysis.bounds",
+    "slipctl.certify.switched_loop": "slipctl.certify.ticks.tick_sets",
     "slipctl.models.rolling": "slipctl.models.wheel_rail.axles",
     "slipctl.models.shared": "slipctl.models.shared_names",
     "slipctl.study.doors": "slipctl.study.resolve",

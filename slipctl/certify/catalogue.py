@@ -12,11 +12,11 @@ from typing import Any
 
 from slipctl import registry
 from slipctl.certify import systems
-from slipctl.certify.cells.slide_loop import slide_system
-from slipctl.certify.registry import SYSTEMS
-from slipctl.certify.smooth.axle_loop import axle_system
+from slipctl.certify.registry import OF_LOOPS, PROVED_LAST, SYSTEMS
 from slipctl.certify.systems import Report, System
 from slipctl.errors import BadInput, nearest
+
+__all__ = ["OF_LOOPS", "PROVED_LAST", "SYSTEMS", "certify", "system", "system_of_gains"]
 
 for _kind in registry.modules_ending("_kind", (Path(__file__).parent, "slipctl.certify")):
     import_module(_kind)
@@ -31,14 +31,6 @@ def system(name: str) -> System:
     if name not in SYSTEMS:
         raise BadInput(f"cannot certify {name!r}{nearest(name, SYSTEMS)}")
     return SYSTEMS[name]
-
-
-OF_LOOPS: dict[str, System] = {"axle_loop": axle_system(None), "slide_loop": slide_system(None)}
-"""Systems that are made of a loop; a certificate of one holds the tick of that loop."""
-
-
-PROVED_LAST = ("slide_loop",)
-"""Systems whose proof takes longer than many runs of a loop; a search asks it of the best alone."""
 
 
 def system_of_gains(gains: Any, loop: Any) -> System:

@@ -65,6 +65,18 @@ def rows(value: Any, where: str, most: int, length: int | None = None) -> list[A
     return value
 
 
+def read_names(value: Any, where: str) -> tuple[str, ...]:
+    """Names, as of states.
+
+    Raises:
+        BadInput: they are none.
+    """
+    names = rows(value, where, 500)
+    if not all(isinstance(n, str) and n.isidentifier() for n in names):
+        raise BadInput(f"{where} must be names")
+    return tuple(names)
+
+
 def whole(value: Any, where: str, low: int, high: int) -> int:
     """Whole number between two others.
 

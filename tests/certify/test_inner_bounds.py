@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from slipctl import BadInput
-from slipctl.certify.planar.interval_systems import replay_drift
+from slipctl.models.bounded_error.certificate.interval_systems import replay_drift
 from slipctl.models.cheng_2022.certificate.dither_flight import _at_rest
 from slipctl.models.wang_2025.certificate.saturated_motion import Saturated, half_turn
 

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from slipctl.certify.arithmetic import decimal_intervals
-from slipctl.certify.planar import lagged_maps
-from slipctl.certify.planar.lagged_maps import Lagged, lag_numbers
-from slipctl.certify.planar.scalar_maps import CubicPull, Interval
 from slipctl.certify.smooth.sums_check import _positive
+from slipctl.models.bounded_error.certificate import lagged_maps
+from slipctl.models.bounded_error.certificate.lagged_maps import Lagged, lag_numbers
+from slipctl.models.bounded_error.certificate.scalar_maps import CubicPull, Interval
 from slipctl.models.cheng_2022.certificate.dither_search import TIE, first_of_the_best
 from slipctl.models.huang_2020.certificate import reaching_law_kind
 from slipctl.models.huang_2020.certificate.relay_orbits import _period
 from slipctl.models.huang_2020.certificate.relay_sets import Absorbing, Relay
 from slipctl.models.super_twisting.certificate import quadratic
+from slipctl.models.super_twisting.certificate.super_twisting import enclosure_of_log_ratio
 
 NAMES = ("k1", "k2", "L")
 
@@ -72,7 +72,7 @@ def test_the_logarithm_of_a_swing_has_an_enclosure_of_either_sign() -> None:
     for k1 in range(1, 7):
         for L in (1, 2, 4):
             gains = Fraction(k1), Fraction(5), Fraction(L)
-            low, high = decimal_intervals.enclosure(*gains) or (0, 0)
+            low, high = enclosure_of_log_ratio(*gains) or (0, 0)
             found = quadratic.sta.log_ratio(*map(float, gains))
             assert abs(float(low) - found) <= 1e-9 * (1 + abs(found))
             assert low <= high

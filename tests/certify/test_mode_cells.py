@@ -15,13 +15,12 @@ from slipctl.certify import proofs
 from slipctl.certify.arithmetic.interval_arrays import Boxes
 from slipctl.certify.arithmetic.whole_boxes import BITS, WholeBoxes, exponential
 from slipctl.certify.cells.mode_images import ModeTick
-from slipctl.certify.cells.switched_loop import Stay, SwitchedLoop
 from slipctl.certify.entries import DoesNotHold
 from slipctl.certify.promise import CERTIFIED, INPUT, REFUTED, TARGET, Number, System
-from slipctl.certify.ticks.tick_coordinates import chosen_coordinates, with_coordinates
-from slipctl.certify.ticks.tick_sets import exp, if_else
+from slipctl.certify.ticks.tick_sets import Stay, SwitchedLoop, exp, if_else
 from slipctl.certify.ticks.tick_source import code_of_tick
 from slipctl.errors import BadInput
+from slipctl.models.vehicle.certificate.tick_coordinates import chosen_coordinates, with_coordinates
 
 F = Fraction
 ends = st.tuples(st.floats(-50, 50), st.floats(0, 3))

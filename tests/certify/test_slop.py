@@ -7,8 +7,8 @@ from decimal import Decimal
 import pytest
 
 from slipctl.certify.arithmetic.decimal_intervals import precise
-from slipctl.certify.planar import scalar_maps as maps
-from slipctl.certify.planar.scalar_maps import Interval
+from slipctl.models.bounded_error.certificate import scalar_maps as maps
+from slipctl.models.bounded_error.certificate.scalar_maps import Interval
 from slipctl.models.zhang_2021.certificate import sampled_funnel
 
 FUNNEL = sampled_funnel.Funnel(

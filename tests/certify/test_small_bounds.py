@@ -18,12 +18,12 @@ from slipctl.certify.bounds import extremum, linear_kind, observers
 from slipctl.certify.catalogue import SYSTEMS, certify
 from slipctl.certify.checksum import with_checksum
 from slipctl.certify.entries import DoesNotHold, read_mapping
-from slipctl.certify.planar import bounded_error, lagged_maps, lagged_runs
-from slipctl.certify.planar.interval_systems import sets
-from slipctl.certify.planar.lagged_maps import Lagged, lag_numbers
-from slipctl.certify.planar.scalar_maps import CubicPull, Interval
 from slipctl.certify.promise import REFUTED, rounded_up
 from slipctl.certify.systems import CERTIFIED
+from slipctl.models.bounded_error.certificate import bounded_error, lagged_maps, lagged_runs
+from slipctl.models.bounded_error.certificate.interval_systems import sets
+from slipctl.models.bounded_error.certificate.lagged_maps import Lagged, lag_numbers
+from slipctl.models.bounded_error.certificate.scalar_maps import CubicPull, Interval
 from slipctl.models.cheng_2022.certificate import (
     dither,
     dither_flight,

@@ -12,8 +12,9 @@ from samples import line, relay
 
 from slipctl.certify import proofs
 from slipctl.certify.entries import DoesNotHold
+from slipctl.certify.smooth.sampled_loop import decimals
 from slipctl.certify.systems import CERTIFIED, INPUT, REFUTED, TARGET, Number, System, report
-from slipctl.certify.ticks.tick_sets import Loop, _span, clip, root, sgn
+from slipctl.certify.ticks.tick_sets import Loop, clip, root, sgn
 from slipctl.errors import BadInput
 
 F = Fraction
@@ -97,9 +98,12 @@ def test_altered_certificates_fail():
     good = proofs.write(LINE, numbers)
     proofs.check(LINE, good)
     evidence = good["proofs"]["cells"]["evidence"]
-    ((first, last),) = evidence["cells"]
-    wrong = (("cells", []), ("cells", [[first + 1, last]]), ("cells", [[first, 10**6]]),
-             ("reach", ["2"]), ("reach", ["0"]), ("count", 0), ("count", "x"))  # fmt: skip
+    grid, (cells,) = evidence["grid"], evidence["cells"]
+    wrong = (
+        ("cells", []), ("cells", [{**cells, "cells": ""}]), ("cells", [{**cells, "modes": [1]}]),
+        ("grid", {**grid, "origin": [grid["origin"][0] + 1]}), ("grid", {**grid, "size": ["0"]}),
+        ("reach", {"x": "1/5"}), ("reach", {"x": "2"}),
+    )  # fmt: skip
     for name, value in wrong:
         bad = copy.deepcopy(good)
         bad["proofs"]["cells"]["evidence"][name] = value
@@ -107,11 +111,10 @@ def test_altered_certificates_fail():
             proofs.check(LINE, bad)
     refuted = proofs.write(LINE, {**numbers, "W": F(1)})
     proofs.check(LINE, refuted)
-    runs = ({"start": {"x": "0"}, "pushed": []}, {"start": {"x": "5"}, "pushed": []},
-            {"start": {"x": "0"}, "pushed": [{"w": "2"}]}, {"start": {}, "pushed": []})  # fmt: skip
+    runs = (([0], []), ([5], []), ([], []), ([0], [[1, 2]]), ([0], [[30_000, 1]]))
     for run in runs:
         bad = copy.deepcopy(refuted)
-        bad["counterexample"]["run"] = run
+        bad["counterexample"]["run"] = dict(zip(("start", "pushes"), run, strict=True))
         with pytest.raises((DoesNotHold, BadInput)):
             proofs.check(LINE, bad)
 
@@ -252,7 +255,7 @@ def test_what_python_makes_of_a_tick_is_never_certified_if_a_run_leaves(tick):
 
 def test_an_interval_is_no_number():
     """A comparison, a truth or a cast of an interval is an error, never an answer."""
-    one = _span(F(0), F(1))
+    one = decimals(F(0), F(1))
     for wrong in (lambda: one == 0, lambda: bool(one), lambda: one > 0, lambda: hash(one),
                   lambda: float(one), lambda: int(one), lambda: one // 1, lambda: round(one),
                   lambda: one != one, lambda: one in (0, 1)):  # fmt: skip
@@ -266,6 +269,6 @@ def test_functions_enclose_what_they_do_to_numbers():
     for _ in range(200):
         low, high = np.sort(rng.uniform(-2, 2, 2)).tolist()
         for of in (sgn, root, lambda x: clip(x, -1, F(1, 2))):
-            a, b = of(_span(F(low), F(high))).ends()
+            a, b = of(decimals(F(low), F(high))).ends()
             for x in np.linspace(low, high, 7).tolist():
                 assert float(a) - 1e-12 <= of(x) <= float(b) + 1e-12  # floats round

@@ -6,9 +6,9 @@ from fractions import Fraction
 
 import pytest
 
-from slipctl.certify.cells.slide_loop import NUMBERS, slide_system
 from slipctl.certify.systems import INPUT, TARGET
 from slipctl.design.promises import with_margin
+from slipctl.models.vehicle.certificate.slide_kind import NUMBERS, slide_system
 from slipctl.models.wang_2025.certificate.saturation_kind import SATURATION
 
 

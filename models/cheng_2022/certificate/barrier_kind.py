@@ -16,13 +16,6 @@ from slipctl.certify import smtlib
 from slipctl.certify.arithmetic import decimal_intervals
 from slipctl.certify.arithmetic.decimal_intervals import precise
 from slipctl.certify.entries import DoesNotHold, read_mapping
-from slipctl.certify.planar import (
-    interval_systems,
-    lagged_maps,
-    scalar_maps,
-)
-from slipctl.certify.planar.bounded_error import BoundedError
-from slipctl.certify.planar.scalar_maps import CubicPull, Interval, Tick
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     EXACT,
@@ -40,6 +33,13 @@ from slipctl.certify.systems import (
     Target,
 )
 from slipctl.errors import BadInput
+from slipctl.models.bounded_error.certificate import (
+    interval_systems,
+    lagged_maps,
+    scalar_maps,
+)
+from slipctl.models.bounded_error.certificate.bounded_error import BoundedError
+from slipctl.models.bounded_error.certificate.scalar_maps import CubicPull, Interval, Tick
 from slipctl.models.cheng_2022.certificate import barrier
 
 Law = TypeVar("Law")

@@ -98,11 +98,11 @@ def exact_sides(k1: Any, k2: Any, L: Any, names: tuple[str, str, str]) -> list[S
         return [*sides, Side(f"8 ({b} + {c}) <= ({a})^2", 8 * (k2 + L), k1 * k1)]
     if not isinstance(k1, Fraction):
         return [*sides, Side("ln q < 0", sta.log_ratio(k1, k2, L), 0)]
-    found = decimal_intervals.enclosure(k1, Fraction(k2), Fraction(L))
+    found = sta.enclosure_of_log_ratio(k1, Fraction(k2), Fraction(L))
     low, high = found or (Decimal(-1), Decimal(1))
     return [
         *sides,
-        Side("ln q < 0", decimal_intervals.Interval(low, high, decimal_intervals.DIGITS), 0),
+        Side("ln q < 0", decimal_intervals.Interval(low, high, sta.DIGITS), 0),
     ]
 
 

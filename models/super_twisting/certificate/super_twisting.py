@@ -12,9 +12,17 @@ arrays too. None of them knows r1: with delta, give k1 - delta (see ``log_ratio`
 from __future__ import annotations
 
 import math
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
+
+from slipctl.certify.arithmetic.decimal_intervals import Interval, arctan_over
+
+DIGITS = 30
+"""Digits of the enclosure that is given."""
 
 UNITS = {"k1": "m^.5/s^1.5", "k2": "m/s^3", "L": "m/s^3", "delta": "m^.5/s^1.5"}
 """Unit of each number."""
@@ -58,6 +66,38 @@ def _G(z: float) -> float:
         return 1.0
     t = math.sqrt(abs(u))
     return 2 / (1 + z) * (math.atan(t) if u > 0 else math.atanh(t)) / t
+
+
+def enclosed_log_ratio(
+    k1: Fraction, k2: Fraction, L: Fraction, delta: Fraction, digits: int
+) -> Interval:
+    """Enclose ``super_twisting.log_ratio`` for k2 > L, k1 > delta, (k1 - delta)^2 < 8 (k2 + L).
+
+    Proof note: with u = (1 - z)/(1 + z), acos z/sqrt(1 - z^2) = 2/(1 + z) A(u) on both sides of
+    z = 1, and (pi - acos z)/sqrt(1 - z^2) = 2/(1 - z) A(1/u). z^2 is rational, and 1 - z is taken
+    as (1 - z^2)/(1 + z).
+    """
+    k, a, b = k1 - delta, k2 - L, k2 + L
+    square_1, square_2 = k * k / (8 * a), k * k / (8 * b)
+    z1, z2 = Interval.of(square_1, digits).sqrt(), Interval.of(square_2, digits).sqrt()
+    w1, w2 = Interval.of(1 - square_1, digits), Interval.of(1 - square_2, digits)
+    out = z1 * 2 / (z1 + 1) * arctan_over(w1 / (z1 + 1) / (z1 + 1))
+    back = z2 * 2 * (z2 + 1) / w2 * arctan_over((z2 + 1) * (z2 + 1) / w2)
+    return Interval.of(b / a, digits).ln() / 2 - out - back
+
+
+@lru_cache(maxsize=64)  # a report, its file and the check of that ask for the same gains
+def enclosure_of_log_ratio(
+    k1: Fraction, k2: Fraction, L: Fraction, delta: Fraction = Fraction(0)
+) -> tuple[Decimal, Decimal] | None:
+    """Enclosure of ln q, 30 digits, that tells its sign; None when 240 digits cannot tell it."""
+    for digits in (60, 120, 240):
+        found = enclosed_log_ratio(k1, k2, L, delta, digits)
+        if found.low > 0 or found.high < 0:
+            down = Context(prec=DIGITS, rounding=ROUND_FLOOR)
+            up = Context(prec=DIGITS, rounding=ROUND_CEILING)
+            return down.plus(found.low), up.plus(found.high)
+    return None
 
 
 def worst_ratio(k1: float, k2: float, L: float, delta: float = 0.0) -> float:

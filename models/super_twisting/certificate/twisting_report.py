@@ -13,11 +13,11 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
-from slipctl.certify.arithmetic import decimal_intervals
 from slipctl.certify.systems import CERTIFIED, REFUTED, end
 from slipctl.errors import BadInput
 from slipctl.models.super_twisting.certificate import super_twisting as sta
 from slipctl.models.super_twisting.certificate import worst_run
+from slipctl.models.super_twisting.certificate.super_twisting import enclosure_of_log_ratio
 
 Test = Callable[[float, float, float], bool]
 
@@ -126,7 +126,7 @@ def exact_verdict(gains: dict[str, Fraction]) -> str:
         return CERTIFIED
     ln_q = sta.log_ratio(float(k1 - delta), float(k2), float(L))
     if abs(ln_q) < 1e-6 or not math.isfinite(ln_q):
-        found = decimal_intervals.enclosure(k1, k2, L, delta)
+        found = enclosure_of_log_ratio(k1, k2, L, delta)
         if found is None:
             raise BadInput(
                 "the gains lie on the boundary of stability; change k1 in its last digit"

@@ -29,10 +29,10 @@ import casadi as ca
 
 from slipctl import Block
 from slipctl.certify.cells.mode_cells import ModeLoop, dyadic
-from slipctl.certify.cells.slide_loop import ANY, HEIGHT, PUSH, SLIP, push_ranges
 from slipctl.certify.smooth.sums import NoProof
 from slipctl.certify.ticks.tick_code import code_of_function
 from slipctl.models.vehicle.air.pneumatics import ATMOSPHERE, CRITICAL, flow_factor
+from slipctl.models.vehicle.certificate.slide_kind import ANY, HEIGHT, PUSH, SLIP, push_ranges
 from slipctl.models.vehicle.parts import Air
 
 STATES, MODES = ("f", "a", "p"), ("machine", "valves", "stays")

@@ -16,15 +16,15 @@ import numpy as np
 from slipctl import BadInput, Block, Gains
 from slipctl.analysis.bounds import enclosure
 from slipctl.certify.cells.mode_cells import ModeLoop
-from slipctl.certify.cells.slide_loop import slide_system
-from slipctl.certify.smooth.axle_loop import axle_system
 from slipctl.certify.systems import System
 from slipctl.models.vehicle.adhesion import layer_law, peak_of_layer, rail_law
 from slipctl.models.vehicle.air.valve_control import slide_protection
 from slipctl.models.vehicle.certificate import gains as bounds
 from slipctl.models.vehicle.certificate.air_tick import AirAxle, air_loop
+from slipctl.models.vehicle.certificate.axle_kind import axle_system
 from slipctl.models.vehicle.certificate.axle_tick import AxleTick, gain_of, loop_law, short_curve
 from slipctl.models.vehicle.certificate.own_gains import why_not
+from slipctl.models.vehicle.certificate.slide_kind import slide_system
 from slipctl.models.vehicle.certificate.slide_tick import SlideTick
 from slipctl.models.vehicle.control import slip_law, wheel
 from slipctl.models.vehicle.parts import (

@@ -25,10 +25,10 @@ import numpy as np
 
 from slipctl import BadInput, Block, connect
 from slipctl.block.transforms.discretisation import gated
-from slipctl.certify.smooth.axle_loop import SLIP, Built
 from slipctl.certify.smooth.sampled_loop import Cell, SampledLoop
 from slipctl.certify.smooth.sums import NoProof
 from slipctl.certify.ticks.tick_code import code_of_function
+from slipctl.models.vehicle.certificate.axle_kind import SLIP, Built
 from slipctl.models.vehicle.control import slip_law, wheel
 from slipctl.models.vehicle.parts import OwnLaw, SlipLaw, Trip
 from slipctl.models.vehicle.plant import on_train

@@ -25,17 +25,25 @@ from slipctl.block.transforms.discretisation import gated
 from slipctl.certify.cells.mode_cells import ModeLoop
 from slipctl.certify.cells.mode_proofs import MOST_REALS
 from slipctl.certify.cells.mode_runs import worst_runs
-from slipctl.certify.cells.slide_loop import HEIGHT, LATE, NOISE, PUSH, SLIP, STOP, push_ranges
 from slipctl.certify.smooth.sums import NoProof
 from slipctl.certify.ticks.tick_code import TickCode, code_of_function
-from slipctl.certify.ticks.tick_coordinates import (
+from slipctl.models.common_form import T_S
+from slipctl.models.vehicle.certificate.axle_tick import AxleTick, state_after
+from slipctl.models.vehicle.certificate.slide_kind import (
+    HEIGHT,
+    LATE,
+    NOISE,
+    PUSH,
+    SLIP,
+    STOP,
+    push_ranges,
+)
+from slipctl.models.vehicle.certificate.tick_coordinates import (
     chosen_coordinates,
     states_that_matter,
     whole_states,
     with_coordinates,
 )
-from slipctl.models.common_form import T_S
-from slipctl.models.vehicle.certificate.axle_tick import AxleTick, state_after
 from slipctl.models.vehicle.control import wheel
 from slipctl.models.vehicle.parts import Valve
 from slipctl.models.vehicle.plant import actuator

@@ -12,12 +12,6 @@ from typing import Any
 
 from slipctl.certify.arithmetic import decimal_intervals
 from slipctl.certify.entries import DoesNotHold
-from slipctl.certify.planar import (
-    interval_systems,
-    lagged_maps,
-)
-from slipctl.certify.planar.bounded_error import BoundedError
-from slipctl.certify.planar.scalar_maps import AtanhPull, Interval, Tick
 from slipctl.certify.registry import register
 from slipctl.certify.systems import (
     EXACT,
@@ -35,6 +29,12 @@ from slipctl.certify.systems import (
     Target,
 )
 from slipctl.errors import BadInput
+from slipctl.models.bounded_error.certificate import (
+    interval_systems,
+    lagged_maps,
+)
+from slipctl.models.bounded_error.certificate.bounded_error import BoundedError
+from slipctl.models.bounded_error.certificate.scalar_maps import AtanhPull, Interval, Tick
 from slipctl.models.zhang_2021.certificate import prescribed_performance as ppc
 from slipctl.models.zhang_2021.certificate import sampled_funnel as funnel
 

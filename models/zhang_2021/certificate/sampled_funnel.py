@@ -23,8 +23,8 @@ from fractions import Fraction
 from typing import Any
 
 from slipctl.certify.arithmetic.decimal_intervals import precise
-from slipctl.certify.planar import scalar_maps as maps
-from slipctl.certify.planar.scalar_maps import AtanhPull, Interval, Tick
+from slipctl.models.bounded_error.certificate import scalar_maps as maps
+from slipctl.models.bounded_error.certificate.scalar_maps import AtanhPull, Interval, Tick
 
 H_BOUND = Fraction(4478, 10000)
 """Above the largest value of h, 0.44774."""

@@ -1,4 +1,4 @@
-"""Decimal intervals that are rounded outwards, and with them an enclosure of the exact criterion.
+"""Decimal intervals that are rounded outwards.
 
 Only the operations of the module ``decimal`` are trusted. Sums, products and quotients round as
 told. Square root and logarithm are correctly rounded, and widened here by one unit in the last
@@ -12,13 +12,10 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal, localcontext
 from fractions import Fraction
-from functools import cache, lru_cache
+from functools import cache
 from typing import Any
 
 from slipctl.certify.arithmetic.operations import Exact, Operations, exact
-
-DIGITS = 30
-"""Digits of the enclosure that is given."""
 
 
 def precise(digits: int) -> AbstractContextManager[Context]:
@@ -215,36 +212,6 @@ def arctan_over(u: Interval) -> Interval:
         n += 1
     rest = u.up.multiply(Decimal(2), power.magnitude())
     return factor * (total + Interval(rest.copy_negate(), rest, u.digits))
-
-
-def log_ratio(k1: Fraction, k2: Fraction, L: Fraction, delta: Fraction, digits: int) -> Interval:
-    """Enclose ``super_twisting.log_ratio`` for k2 > L, k1 > delta, (k1 - delta)^2 < 8 (k2 + L).
-
-    Proof note: with u = (1 - z)/(1 + z), acos z/sqrt(1 - z^2) = 2/(1 + z) A(u) on both sides of
-    z = 1, and (pi - acos z)/sqrt(1 - z^2) = 2/(1 - z) A(1/u). z^2 is rational, and 1 - z is taken
-    as (1 - z^2)/(1 + z).
-    """
-    k, a, b = k1 - delta, k2 - L, k2 + L
-    square_1, square_2 = k * k / (8 * a), k * k / (8 * b)
-    z1, z2 = Interval.of(square_1, digits).sqrt(), Interval.of(square_2, digits).sqrt()
-    w1, w2 = Interval.of(1 - square_1, digits), Interval.of(1 - square_2, digits)
-    out = z1 * 2 / (z1 + 1) * arctan_over(w1 / (z1 + 1) / (z1 + 1))
-    back = z2 * 2 * (z2 + 1) / w2 * arctan_over((z2 + 1) * (z2 + 1) / w2)
-    return Interval.of(b / a, digits).ln() / 2 - out - back
-
-
-@lru_cache(maxsize=64)  # a report, its file and the check of that ask for the same gains
-def enclosure(
-    k1: Fraction, k2: Fraction, L: Fraction, delta: Fraction = Fraction(0)
-) -> tuple[Decimal, Decimal] | None:
-    """Enclosure of ln q, 30 digits, that tells its sign; None when 240 digits cannot tell it."""
-    for digits in (60, 120, 240):
-        found = log_ratio(k1, k2, L, delta, digits)
-        if found.low > 0 or found.high < 0:
-            down = Context(prec=DIGITS, rounding=ROUND_FLOOR)
-            up = Context(prec=DIGITS, rounding=ROUND_CEILING)
-            return down.plus(found.low), up.plus(found.high)
-    return None
 
 
 def ln_of(x: Any) -> Any:

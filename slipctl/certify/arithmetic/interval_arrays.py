@@ -7,6 +7,7 @@ methods are those of ``decimal_intervals.Interval``, so that ``tick_code`` takes
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 from typing import Any
 
@@ -59,10 +60,9 @@ class Boxes(ArrayOperations):
 
     def __mul__(self, other: Boxes | Exact) -> Boxes:
         o = self._as(other)
-        if self.low.size == 1 and o.low.size > 1:
-            return o * self
-        if o.low.size == 1 and o.low[0] == o.high[0] and abs(o.low[0]) < np.inf:
-            return self._times(float(o.low[0]))
+        for one, many in ((o, self), (self, o)):
+            if one.low.size == 1 and one.low[0] == one.high[0] and abs(one.low[0]) < np.inf:
+                return many._times(float(one.low[0]))
         with np.errstate(invalid="ignore"):
             p, q = self.low * o.low, self.low * o.high
             r, s = self.high * o.low, self.high * o.high
@@ -80,14 +80,17 @@ class Boxes(ArrayOperations):
 
     def _times(self, by: float) -> Boxes:
         """Product by one number."""
+        if by == 0:
+            return Boxes(np.zeros_like(self.low), np.zeros_like(self.high))
         ends = (self.low, self.high) if by >= 0 else (self.high, self.low)
         with np.errstate(invalid="ignore"):
             low, high = ends[0] * by, ends[1] * by
-        if by in (-1.0, 1.0):
-            return Boxes(low, high)
-        zero = np.zeros(1)
-        return Boxes(np.where(ends[0] == 0, zero, _down(low)),
-                     np.where(ends[1] == 0, zero, -_down(-high)) if by else zero)  # fmt: skip
+        if _is_power_of_two(by):
+            back = 1 / by
+            if (low * back == ends[0]).all() and (high * back == ends[1]).all():
+                return Boxes(low, high)
+        return Boxes(np.where(ends[0] == 0, 0.0, _down(low)),
+                     np.where(ends[1] == 0, 0.0, -_down(-high)))  # fmt: skip
 
     __radd__, __rmul__ = __add__, __mul__
 
@@ -96,6 +99,8 @@ class Boxes(ArrayOperations):
         across = (o.low <= 0) & (o.high >= 0)
         if across.all():
             raise ZeroDivisionError("division by an interval that contains zero")
+        if o.low.size == 1 and o.low[0] == o.high[0] and _is_power_of_two(float(o.low[0])):
+            return self._times(1 / float(o.low[0]))
         with np.errstate(all="ignore"):
             ends = [a / b for a in (self.low, self.high) for b in (o.low, o.high)]
         low = np.where(across, -np.inf, np.minimum.reduce(ends))
@@ -159,6 +164,11 @@ class Boxes(ArrayOperations):
         if not ((self.low > near - 0.25) & (self.high < near + 0.25)).all():
             raise ArithmeticError("a mode is no whole number")
         return near.astype(np.int64)
+
+
+def _is_power_of_two(value: float) -> bool:
+    """Whether products and quotients by it are exact, where floats do not end."""
+    return abs(math.frexp(value)[0]) == 0.5 and 2.0**-99 < abs(value) < 2.0**99
 
 
 def _down(values: np.ndarray, units: int = 1) -> np.ndarray:

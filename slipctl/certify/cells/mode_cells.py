@@ -12,9 +12,10 @@ from __future__ import annotations
 import base64
 import math
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,9 @@ CHUNK = 8_000
 """Cells whose images are computed at once."""
 
 Range = tuple[Fraction, Fraction]
+
+Ends = tuple[Fraction | None, Fraction | None]
+"""Least and largest value that a state may have; None where nothing bounds it."""
 
 
 @dataclass(frozen=True)
@@ -94,11 +98,13 @@ class Grid:
 
     Attributes:
         origin: where each axis begins, in cells. size: of a cell. count: cells along each axis.
+        box: ends of each axis, in floats, beyond which no cell counts: no image may lie there.
     """
 
     origin: tuple[int, ...]
     size: tuple[Fraction, ...]
     count: tuple[int, ...]
+    box: tuple[tuple[float, float], ...] = ()
 
     @property
     def places(self) -> int:
@@ -106,12 +112,15 @@ class Grid:
         return math.prod(self.count)
 
     def ends(self, places: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Ends of cells by their place, exact in floats."""
+        """Ends of cells by their place, as far as they are within the box; exact in floats."""
         found = []
         for k, index in enumerate(np.unravel_index(places, self.count)):
             at = (index + self.origin[k]).astype(float)
             size = float(self.size[k])
-            found.append((at * size, (at + 1) * size))
+            low, high = at * size, (at + 1) * size
+            if self.box:
+                low, high = np.maximum(low, self.box[k][0]), np.minimum(high, self.box[k][1])
+            found.append((np.minimum(low, high), high))
         return found
 
     def touched(self, boxes: Sequence[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -128,6 +137,20 @@ class Grid:
         """Entries of a file."""
         return {"origin": list(self.origin), "size": [str(s) for s in self.size],
                 "count": list(self.count)}  # fmt: skip
+
+
+def float_box(loop: ModeLoop, bounds: Mapping[str, Ends]) -> tuple[tuple[float, float], ...]:
+    """Least and largest value of each real state that bounds allow, in floats rounded outwards."""
+    found = []
+    for name in loop.reals:
+        low, high = bounds.get(name, (None, None))
+        found.append(
+            (
+                -math.inf if low is None else float(Boxes.around(low, low).low[0]),
+                math.inf if high is None else float(Boxes.around(high, high).high[0]),
+            )
+        )
+    return tuple(found)
 
 
 def dyadic(size: float) -> Fraction:
@@ -313,14 +336,34 @@ def _joined(a: Any, b: Any) -> Any:
 
 def places_in_ranges(low: np.ndarray, high: np.ndarray, count: Sequence[int]) -> np.ndarray:
     """Places of all cells from the first to the last one along each axis, by row."""
+    span = high - low + 1
+    if span.astype(float).prod(axis=1).sum() > math.prod(count):  # many share their cells
+        return np.flatnonzero(_cover(low, high, count))
     strides = np.array([math.prod(count[k + 1 :]) for k in range(len(count))], np.int64)
-    base, span = low @ strides, high - low + 1
+    base = low @ strides
     many, found = np.max(span, axis=0, initial=0) + 1, []
     shapes, of = _distinct(np.ravel_multi_index(span.T, many))
     for k, shape in enumerate(zip(*np.unravel_index(shapes, many), strict=True)):
         offsets = sum(np.ix_(*(np.arange(n) * s for n, s in zip(shape, strides, strict=True))))
         found.append((base[of == k, None] + np.ravel(offsets)).reshape(-1))
     return np.concatenate(found) if found else base
+
+
+def _cover(low: np.ndarray, high: np.ndarray, count: Sequence[int]) -> np.ndarray:
+    """How many rows cover each cell, summed up from the corners of their ranges."""
+    total = np.zeros([c + 1 for c in count], np.int32)
+    for at, sign in _corners(low, high):
+        np.add.at(total, at, sign)
+    for axis in range(len(count)):
+        np.cumsum(total, axis=axis, out=total)
+    return total[tuple(slice(c) for c in count)].reshape(-1)
+
+
+def _corners(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[tuple[np.ndarray, ...], int]]:
+    """Corners of ranges of cells, one beyond the last, and the sign with which each counts."""
+    for ends in product((0, 1), repeat=low.shape[1]):
+        sides = [high[:, k] + 1 if upper else low[:, k] for k, upper in enumerate(ends)]
+        yield tuple(sides), -1 if sum(ends) % 2 else 1
 
 
 def _distinct(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -406,13 +449,8 @@ def _totals(held: np.ndarray, count: Sequence[int]) -> np.ndarray:
 
 def _counted(total: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Cells of a set from the first to the last one along each axis, by row."""
-    axes = low.shape[1]
     found = np.zeros(len(low), np.int64)
-    for corner in range(2**axes):
-        at, sign = [], 1
-        for k in range(axes):
-            upper = corner >> k & 1
-            at.append(high[:, k] + 1 if upper else low[:, k])
-            sign *= 1 if upper else -1
-        found += sign * total[tuple(at)].astype(np.int64)
+    turn = -1 if low.shape[1] % 2 else 1
+    for at, sign in _corners(low, high):
+        found += turn * sign * total[at].astype(np.int64)
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from slipctl.certify.smooth.sums import NoProof
 
 CHUNK = 8_000
 """Cells whose images are computed at once."""
+
+LEAST = 500
+"""Cells that take no longer than one does."""
 
 
 @dataclass
@@ -84,7 +87,8 @@ class Growth:
             number = np.concatenate([np.full(len(p), n) for n, p in batch])
             places = np.concatenate([p for _, p in batch])
             found = self._images(number, places)
-            self.work.take(len(found.cell) * len(self.loop.code.steps) * self.loop.stride)
+            rows = max(len(found.cell), LEAST)
+            self.work.take(rows * len(self.loop.code.steps) * self.loop.stride)
             if self.loop.left(found):
                 raise NoProof(f"{self.loop.left(found)} is farther off than it was taken to be")
             self.reach.add(self.loop, found)
@@ -124,8 +128,8 @@ class Growth:
         after = np.where(
             high >= count, np.minimum(high - count + 1 + more, self.last - begin - count + 1), 0
         )
-        self.grid = Grid(tuple(map(int, begin - before)), old.size,
-                         tuple(map(int, count + before + after)))  # fmt: skip
+        self.grid = replace(old, origin=tuple(map(int, begin - before)),
+                            count=tuple(map(int, count + before + after)))  # fmt: skip
         if self.grid.places * len(self.cells.modes) > MOST_PLACES:
             raise NoProof("the grid is too large")
         inner = tuple(slice(int(b), int(b + c)) for b, c in zip(before, count, strict=True))

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
 from slipctl.certify.cells.mode_cells import (
+    Ends,
     Grid,
     ModeLoop,
     Reach,
     check_cells,
     dyadic,
+    float_box,
     read_cells,
     read_grid,
     ways_to_check,
@@ -39,7 +41,10 @@ WIDEST = 6
 GAIN = 0.05
 """Share by which a finer grid has to be better, else none is tried after it."""
 
-Bounds = Mapping[str, tuple[Fraction | None, Fraction | None]]
+NEAR = Fraction(1, 10**9)
+"""Share beyond a bound that floats may find: whole numbers then have to confirm the bound."""
+
+Bounds = Mapping[str, Ends]
 """Least and largest value that a state may have, by its name."""
 
 
@@ -75,7 +80,7 @@ def find_cells(loop: ModeLoop, bounds: Bounds, runs: Runs, work: int = WORK) -> 
         if name not in loop.reals:
             continue
         k = loop.reals.index(name)
-        if (high is not None and runs.high[k] > high) or (low is not None and runs.low[k] < low):
+        if not _within(runs.low[k], runs.high[k], (low, high), NEAR):
             raise NoProof(f"a run comes to {name} = {runs.high[k]:.4g}")
     span = np.maximum(runs.high - runs.low, 1e-6 * (1 + np.abs(runs.high)))
     grids = [tuple(dyadic(s / many) for s in span) for many in CELLS[axes]]
@@ -138,24 +143,31 @@ def _grown(
         if most is not None:
             last[k] = min(last[k], int(np.floor(float(most) / wide[k])) + 1)
     low, high = np.maximum(low, first), np.minimum(high, last)
-    grid = Grid(tuple(map(int, low)), size, tuple(map(int, high - low + 1)))
+    grid = Grid(tuple(map(int, low)), size, tuple(map(int, high - low + 1)),
+                float_box(loop, bounds))  # fmt: skip
     growth = Growth(loop, grid, work, first, last)
     cells = growth.run(runs.visited[:: max(1, len(runs.visited) // 200)])
-    _keep(loop, growth.reach, bounds)
+    _keep(growth.reach, bounds, NEAR)
     entries = {"grid": growth.grid.payload(), "cells": cells.packed()}
     return Found(entries, growth.reach, runs)
 
 
-def _keep(loop: ModeLoop, reach: Reach, bounds: Bounds) -> None:
-    """Confirm that what is reached is within bounds.
+def _within(low: Any, high: Any, ends: Ends, room: Fraction = Fraction(0)) -> bool:
+    """Whether a range is within its ends, or no more than such a share beyond."""
+    least, most = ends
+    return (least is None or low >= least - room * abs(least)) and (
+        most is None or high <= most + room * abs(most)
+    )
+
+
+def _keep(reach: Reach, bounds: Bounds, room: Fraction = Fraction(0)) -> None:
+    """Confirm that what is reached is within bounds, or no more than such a share beyond.
 
     Raises:
         NoProof: it is not.
     """
-    for name, (low, high) in bounds.items():
-        if (low is not None and reach.low[name] < low) or (
-            high is not None and reach.high[name] > high
-        ):
+    for name, ends in bounds.items():
+        if not _within(reach.low[name], reach.high[name], ends, room):
             raise NoProof(f"the cells that are proved reach to {name} ="
                           f" {float(reach.high[name]):.4g}")  # fmt: skip
 
@@ -169,17 +181,17 @@ def check_evidence(loop: ModeLoop, bounds: Bounds, given: Any) -> tuple[Reach, s
     entry = read_mapping(given, ("grid", "cells"), "evidence", True)
     if len(loop.reals) > MOST_REALS:
         raise DoesNotHold(f"evidence: cells take {MOST_REALS} real states")
-    grid = read_grid(entry["grid"], len(loop.reals))
+    grid = replace(read_grid(entry["grid"], len(loop.reals)), box=float_box(loop, bounds))
     cells = read_cells(entry["cells"], grid, len(loop.modes))
     *firsts, (last, how) = ways_to_check(loop, cells)
     for kind, words in firsts:
         with suppress(DoesNotHold, NoProof):
             reach = check_cells(loop, grid, cells, kind)
-            _keep(loop, reach, bounds)
+            _keep(reach, bounds)
             return reach, words
     reach = check_cells(loop, grid, cells, last)
     try:
-        _keep(loop, reach, bounds)
+        _keep(reach, bounds)
     except NoProof as error:
         raise DoesNotHold(f"evidence: {error}") from None
     return reach, how
@@ -190,6 +202,7 @@ def run_ticks(loop: ModeLoop) -> int:
     return 500 * min(max(round(loop.stride / 2.5), 1), 4)
 
 
-def runs_of_loop(loop: ModeLoop) -> Runs:
-    """Runs of a loop."""
-    return worst_runs(loop, run_ticks(loop))
+def runs_of_loop(loop: ModeLoop, most: int | None = None) -> Runs:
+    """Runs of a loop, of so many ticks at most."""
+    ticks = run_ticks(loop)
+    return worst_runs(loop, ticks if most is None else min(ticks, most))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -107,12 +108,16 @@ class _Search:
                 value = np.asarray(after[outputs.index(self.kept)])
                 self.ends = [min(self.ends[0], value.min()), max(self.ends[1], value.max())]
             reals = np.array(states[:many])
-            if not np.isfinite(reals).all():
+            good = np.isfinite(reals).all(axis=0)  # of the others the run is over
+            if not good.any():
                 break
-            low, high = np.minimum(low, reals), np.maximum(high, reals)
+            if not good.all():
+                states = [np.where(good, s, np.nan) for s in states]
+                reals = np.array(states[:many])
+            low, high = np.fmin(low, reals), np.fmax(high, reals)
             if (t + 1) % loop.stride == 0:
                 modes = np.array(states[many:]).reshape(-1, rows).T
-                self.visited.append((reals.T, np.rint(modes).astype(np.int64)))
+                self.visited.append((reals.T[good], np.rint(modes[good]).astype(np.int64)))
         self.lowest = np.minimum(self.lowest, low.min(axis=1))
         self.highest = np.maximum(self.highest, high.max(axis=1))
         return low, high
@@ -184,40 +189,47 @@ def run_entries(starts: np.ndarray, signs: np.ndarray) -> dict[str, Any]:
 
 def replay_run(
     loop: ModeLoop, given: Mapping[str, Any], state: str, low: Fraction | None,
-    high: Fraction | None,
+    high: Fraction | None, most: int | None = None,
 ) -> tuple[int, Fraction]:  # fmt: skip
     """Run a file's run in decimals; gives after how many ticks a state is beyond, and its value.
+
+    Args:
+        loop: the loop. given: the run. state: what leaves. low, high: its bounds, None for none.
+        most: ticks that it may have.
 
     Raises:
         DoesNotHold: it is never beyond, or the run is not decided. BadInput: it is malformed.
     """
     if state not in loop.reals:
         raise DoesNotHold(f"run: no run is a counterexample for {state}")
-    many = len(loop.reals)
-    values = {}
-    signs = rows(given["start"], "run.start", many, many)
-    for name, (a, b), sign in zip(loop.reals, loop.start, signs, strict=True):
-        at = b if whole(sign, "run.start", -1, 1) > 0 else a
-        values[name] = Interval.of(at, DIGITS)
-    for name, mode in zip(loop.modes, loop.begins, strict=True):
-        values[name] = Interval.of(mode, DIGITS)
-    ticks = 0
+    many, pushes = len(loop.reals), []
     for row in rows(given["pushes"], "run.pushes", MOST_RUN):
         count, *signs = rows(row, "run.pushes", len(loop.push) + 1, len(loop.push) + 1)
-        push = {}
-        for (name, (a, b)), sign in zip(loop.push.items(), signs, strict=True):
-            at = b if whole(sign, "run.pushes", -1, 1) > 0 else a
-            push[f"d_{name}"] = Interval.of(at, DIGITS)
-        for _ in range(whole(count, "run.pushes", 1, MOST_RUN)):
+        pushes.append((whole(count, "run.pushes", 1, MOST_RUN), signs))
+    total = sum(count for count, _ in pushes)
+    if total > min(MOST_RUN, most or MOST_RUN):
+        raise DoesNotHold(f"run: it has more than {min(MOST_RUN, most or MOST_RUN)} ticks")
+    digits = DIGITS + total // 4  # an interval widens from tick to tick
+
+    def chosen(ends: Sequence[tuple[Fraction, Fraction]], signs: Sequence[Any]) -> list[Interval]:
+        return [Interval.of(b if whole(sign, "run", -1, 1) > 0 else a, digits)
+                for (a, b), sign in zip(ends, signs, strict=True)]  # fmt: skip
+
+    begun = chosen(loop.start, rows(given["start"], "run.start", many, many))
+    values = dict(zip(loop.reals, begun, strict=True))
+    values |= {name: Interval.of(mode, digits)
+               for name, mode in zip(loop.modes, loop.begins, strict=True)}  # fmt: skip
+    ticks, steps = 0, ((count, chosen(list(loop.push.values()), signs)) for count, signs in pushes)
+    for push in chain([None], (push for count, push in steps for _ in range(count))):
+        if push is not None:
             ticks += 1
-            if ticks > MOST_RUN:
-                raise DoesNotHold(f"run: it has more than {MOST_RUN} ticks")
-            values = loop.code.run({**{f"x_{k}": v for k, v in values.items()}, **push})
-            if any(not values[m].decided() for m in loop.modes):
-                raise DoesNotHold("run: a condition is too near to tell")
-            below, above = values[state].ends()
-            if high is not None and below > high:
-                return ticks, below
-            if low is not None and above < low:
-                return ticks, above
+            pushed = {f"d_{name}": at for name, at in zip(loop.push, push, strict=True)}
+            values = loop.code.run({**{f"x_{k}": v for k, v in values.items()}, **pushed})
+        if any(not values[m].decided() for m in loop.modes):
+            raise DoesNotHold("run: a condition is too near to tell")
+        below, above = values[state].ends()
+        if high is not None and below > high:
+            return ticks, below
+        if low is not None and above < low:
+            return ticks, above
     raise DoesNotHold(f"run: {state} is not shown to exceed its bound")

@@ -221,10 +221,20 @@ class _Search:
         return {(int(i), int(j)): Fraction(float(matrix[i, j]))
                 for i, j in zip(*np.nonzero(matrix), strict=True)}  # fmt: skip
 
+    def linear_entries(self, A: np.ndarray, box: np.ndarray) -> dict[str, Any]:
+        """What a file holds of the cell and of the linear loop, in units of about the box."""
+        sizes, cell = [math.frexp(z)[1] for z in box], self.cell
+        scale = np.exp2(sizes)
+        return {
+            "slow": [[str(a), str(b)] for a, b in cell.slow], "rest": [str(r) for r in cell.rest],
+            "moves": [[str(m) for m in moves] for moves in cell.moves], "sizes": sizes,
+            "A": _whole(A * scale / scale[:, None]), "B": _whole(self.B / scale[:, None]),
+            "bends": sorted(map(list, self._bends(box))),
+        }  # fmt: skip
+
     def entries(self, A: np.ndarray, box: np.ndarray) -> dict[str, Any]:
         """What a file holds of the proof."""
-        sizes = np.array([math.frexp(z)[1] for z in box])
-        scale = np.exp2(sizes)
+        scale = np.exp2([math.frexp(z)[1] for z in box])
         scaled = A * scale / scale[:, None]
         radius = float(np.abs(np.linalg.eigvals(scaled)).max())
         rho = 1 - (1 - radius) / 2
@@ -236,15 +246,8 @@ class _Search:
             if np.abs(added).max() < 1e-14 * np.abs(P).max():
                 break
         P = (P + P.T) * (1 + 1e-6)
-        cell = self.cell
         return {
-            "slow": [[str(a), str(b)] for a, b in cell.slow],
-            "rest": [str(r) for r in cell.rest],
-            "moves": [[str(m) for m in moves] for moves in cell.moves],
-            "sizes": [int(s) for s in sizes],
-            "A": _whole(scaled), "B": _whole(self.B / scale[:, None]),
-            "bends": sorted(map(list, self._bends(box))),
-            "box": [str(Fraction(z)) for z in box.tolist()],
+            **self.linear_entries(A, box), "box": [str(Fraction(z)) for z in box.tolist()],
             "P": [[str(round(P[i, j] * 2**20)) for j in range(i + 1)] for i in range(self.n)],
             "decay": str(Fraction(rho * rho)), "ticks": self._ticks(A),
         }  # fmt: skip
@@ -272,20 +275,11 @@ def check_cell(loop: SampledLoop, bounds: Bounds, given: Any) -> tuple[Cell, lis
         DoesNotHold: it proves nothing.
     """
     entry = read_mapping(given, ENTRIES, "evidence.cells", True)
-    n, m = len(loop.states), len(loop.pushes)
-    cell = _read_cell(loop, entry)
-    sizes = [whole(s, "evidence.sizes", -200, 200)
-             for s in rows(entry["sizes"], "evidence.sizes", n, n)]  # fmt: skip
-    unit = [Fraction(2) ** s for s in sizes]
-    A, B = whole_entries(entry["A"], n, n), whole_entries(entry["B"], n, m)
+    n = len(loop.states)
+    cell, unit, A, B, nominal = read_linear(loop, entry)
     box = [rational(z, "evidence.box") for z in rows(entry["box"], "evidence.box", n, n)]
     if min(box) < 0:
         raise DoesNotHold("evidence.box: a half-width is negative")
-    nominal = Nominal(
-        {(i, j): Fraction(a, 2**GRID) * unit[i] / unit[j] for (i, j), a in A.items()},
-        {(i, j): Fraction(b, 2**GRID) * unit[i] for (i, j), b in B.items()},
-        frozenset(_pair(p, n, n + m) for p in rows(entry["bends"], "evidence.bends", n * (n + m))),
-    )
     decay = Decay(_read_P(entry["P"], n), rational(entry["decay"], "evidence.decay"))
     ticks = whole(entry["ticks"], "evidence.ticks", 1, MOST_TICKS)
     check_decay(A, decay)
@@ -309,6 +303,31 @@ def check_cell(loop: SampledLoop, bounds: Bounds, given: Any) -> tuple[Cell, lis
     if any(f * u > z for f, u, z in zip(found, unit, box, strict=True)):
         raise DoesNotHold("evidence: what the ticks add leaves the box")
     return cell, [f * u for f, u in zip(found, unit, strict=True)]
+
+
+Entered = dict[tuple[int, int], int]
+"""Entries of a matrix over 2^60, by row and column."""
+
+
+def read_linear(
+    loop: SampledLoop, entry: Mapping[str, Any]
+) -> tuple[Cell, list[Fraction], Entered, Entered, Nominal]:
+    """Cell of a file, unit of each state, A and B in these units, and the linear loop without.
+
+    Raises:
+        BadInput, DoesNotHold: they are none.
+    """
+    n, m = len(loop.states), len(loop.pushes)
+    sizes = [whole(s, "evidence.sizes", -200, 200)
+             for s in rows(entry["sizes"], "evidence.sizes", n, n)]  # fmt: skip
+    unit = [Fraction(2) ** s for s in sizes]
+    A, B = whole_entries(entry["A"], n, n), whole_entries(entry["B"], n, m)
+    bends = rows(entry["bends"], "evidence.bends", n * (n + m))
+    return _read_cell(loop, entry), unit, A, B, Nominal(
+        {(i, j): Fraction(a, 2**GRID) * unit[i] / unit[j] for (i, j), a in A.items()},
+        {(i, j): Fraction(b, 2**GRID) * unit[i] for (i, j), b in B.items()},
+        frozenset(_pair(p, n, n + m) for p in bends),
+    )  # fmt: skip
 
 
 def _read_cell(loop: SampledLoop, entry: Mapping[str, Any]) -> Cell:

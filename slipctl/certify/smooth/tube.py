@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 
 from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
-from slipctl.certify.smooth.sampled_loop import Cell, Nominal, SampledLoop, decimals, remainders
-from slipctl.certify.smooth.sums import Bounds, NoProof, _pair, _read_cell, _Search, _whole
-from slipctl.certify.smooth.sums_check import GRID, whole_entries
+from slipctl.certify.smooth.sampled_loop import Cell, SampledLoop, decimals, remainders
+from slipctl.certify.smooth.sums import Bounds, NoProof, _Search, read_linear
+from slipctl.certify.smooth.sums_check import GRID
 
 STRETCHES = 12
 """Stretches of time."""
@@ -86,15 +86,8 @@ def find_tube(
         box = _stretch(search, A, prefix, (half, middle), (a, b), ticks)
         found.append(box)
     far = np.abs(middle) + half
-    bends = search._bends(np.max(found, axis=0))
-    scale_sizes = np.array([math.frexp(z)[1] for z in np.max(found, axis=0)])
-    scale = np.exp2(scale_sizes)
     entries = {
-        "slow": [[str(a), str(b)] for a, b in cell.slow], "rest": [str(r) for r in cell.rest],
-        "moves": [[str(m) for m in moves] for moves in cell.moves],
-        "sizes": [int(s) for s in scale_sizes],
-        "A": _whole(A * scale / scale[:, None]), "B": _whole(B / scale[:, None]),
-        "bends": sorted(map(list, bends)), "ends": ends,
+        **search.linear_entries(A, np.max(found, axis=0)), "ends": ends,
         "boxes": [[str(Fraction(z)) for z in box.tolist()] for box in found],
     }  # fmt: skip
     return entries, far.max(axis=0)
@@ -171,12 +164,8 @@ def check_tube(loop: SampledLoop, bounds: Bounds, given: Any) -> tuple[Cell, lis
         DoesNotHold: it proves nothing. BadInput: it is malformed.
     """
     entry = read_mapping(given, ENTRIES, "evidence.tube", True)
-    n, m = len(loop.states), len(loop.pushes)
-    cell = _read_cell(loop, entry)
-    sizes = [whole(s, "evidence.sizes", -200, 200)
-             for s in rows(entry["sizes"], "evidence.sizes", n, n)]  # fmt: skip
-    unit = [Fraction(2) ** s for s in sizes]
-    A, B = whole_entries(entry["A"], n, n), whole_entries(entry["B"], n, m)
+    n = len(loop.states)
+    cell, unit, A, B, nominal = read_linear(loop, entry)
     ends = [whole(t, "evidence.ends", 0, MOST_TICKS)
             for t in rows(entry["ends"], "evidence.ends", STRETCHES + 1)]  # fmt: skip
     if len(ends) < 2 or ends[0] != 0 or any(b <= a for a, b in pairwise(ends)):
@@ -186,11 +175,6 @@ def check_tube(loop: SampledLoop, bounds: Bounds, given: Any) -> tuple[Cell, lis
                    for box in rows(entry["boxes"], "evidence.boxes", many, many)]  # fmt: skip
     if any(z < 0 for box in given_boxes for z in box):
         raise DoesNotHold("evidence.boxes: a half-width is negative")
-    nominal = Nominal(
-        {(i, j): Fraction(a, 2**GRID) * unit[i] / unit[j] for (i, j), a in A.items()},
-        {(i, j): Fraction(b, 2**GRID) * unit[i] for (i, j), b in B.items()},
-        frozenset(_pair(p, n, n + m) for p in rows(entry["bends"], "evidence.bends", n * (n + m))),
-    )
     added = []
     for box in given_boxes:
         try:

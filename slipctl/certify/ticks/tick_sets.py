@@ -1,57 +1,56 @@
-"""Proofs and counterexamples for any loop that is declared by its tick: sets of cells, and runs.
+"""A loop that is declared by its tick: what proves and refutes what is asked of it.
 
-Who declares a system brings its equations, one tick of it, and nothing that has to be believed:
+    loop = Loop(tick, start={"e": "e0"}, pushed={"w": "W"}, stays={"e": "band"})
+    loop = Loop(
+        tick, start={"s": "none", "p": "none"}, modes={"valve": 0},
+        pushed={"c": ("least", "most"), "w": "W"}, stays={"s": Stay("band", "the slip")},
+    )
 
-    proof      cells that hold the start set, and whose images, whatever pushes, lie in these cells
-    refutation a start and what pushes in each tick, after which a state is beyond its bound
+Who declares a system brings its equations, one tick of it, and nothing that has to be believed. The
+tick is plain Python with + - * /, comparisons and the functions of this module, and is read into
+operations (``tick_source``). From these are computed, with enclosures that are rounded outwards:
 
-Both are computed from the tick as it is read into operations (``tick_source``), with enclosures
-that are rounded outwards. It is plain Python with + - * /, comparisons and the functions of this
-module. Cells take two states or three at most: their number grows with the power of that. A loop
-that is smooth about 0 may have any number of states: what each tick adds is summed up (``sums``).
+    sums, tube   what each tick adds to a linear loop; of any number of states, smooth about 0
+    cells        cells that no tick leaves; of three real states at most, and any modes
+    run          a start and what pushes in each tick, after which a state is beyond its bound
 """
 
 from __future__ import annotations
 
-import math
-import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import cached_property
-from itertools import product
 from typing import Any
 
 import numpy as np
 
-from slipctl.certify.arithmetic.decimal_intervals import Interval
-from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
+from slipctl.certify.cells.mode_cells import ModeLoop
+from slipctl.certify.cells.mode_proofs import WORK
+from slipctl.certify.cells.mode_runs import run_entries
+from slipctl.certify.cells.questions import Question, Stay
+from slipctl.certify.entries import DoesNotHold
 from slipctl.certify.promise import Criterion, Entries, Evidence, Numbers, Refuter, Target
+from slipctl.certify.smooth.linear_runs import summed_run
 from slipctl.certify.smooth.sampled_loop import Cell, SampledLoop
 from slipctl.certify.smooth.sums import Bounds, NoProof, check_cell, find_cell
 from slipctl.certify.smooth.tube import check_tube, find_tube
-from slipctl.certify.ticks.tick_code import TickCode
+from slipctl.certify.ticks.tick_code import TickCode, with_constants
 from slipctl.certify.ticks.tick_source import clip, code_of_tick, exp, if_else, root, sgn
 from slipctl.errors import BadInput
 
-__all__ = ["Loop", "clip", "exp", "if_else", "root", "sgn"]
-
-DIGITS = 25
-"""Digits of the enclosures."""
-
-GRIDS = {1: (64, 512), 2: (24, 64), 3: (8, 16)}
-"""Cells along each state that are tried, by the number of states."""
-
-MOST_CELLS = 5000
-"""Most cells of a set."""
-
-FAR = 1e30
-"""Gain of a start at which no more ticks are added up."""
+__all__ = ["Loop", "Stay", "SwitchedLoop", "clip", "exp", "if_else", "root", "sgn"]
 
 MOST_TICKS = 5000
-"""Most ticks of a run."""
+"""Most ticks of a run that is summed up."""
+
+FEW = WORK // 10
+"""Operations of a search of cells without modes, so that an answer is there within seconds."""
 
 Values = Mapping[str, Any]
+
+Bound = str | tuple[str, str]
+"""Number that bounds a value, |x| <= it; or those of its least and its largest value."""
 
 
 @dataclass(frozen=True)
@@ -60,30 +59,39 @@ class Loop:
 
     Attributes:
         tick: next states, of the numbers, the states and what pushes, all by name.
-        start: by state the number that bounds it at the start, |x| <= it.
-        pushed: by what pushes the number that bounds it in each tick.
-        stays: by state the number that it never has to exceed, |x| <= it.
+        start: by real state what bounds it at the start, a number or two.
+        pushed: by what pushes what bounds it in each tick.
+        stays: by state the number that it never has to exceed, |x| <= it; or a ``Stay``.
+        modes: states that are whole numbers, with their value at the start.
         within: number of ticks for which that is asked; without it, it is asked for ever.
+        why: is filled where no cells prove it. work: operations that a search of cells may take.
     """
 
     tick: Callable[[Numbers, Values, Values], Values]
-    start: Mapping[str, str]
-    pushed: Mapping[str, str]
-    stays: Mapping[str, str]
+    start: Mapping[str, Bound]
+    pushed: Mapping[str, Bound]
+    stays: Mapping[str, str | Stay]
+    modes: Mapping[str, int] = field(default_factory=dict)
     within: str = ""
+    why: list[str] = field(default_factory=list, compare=False)
+    work: int = WORK
     _codes: dict[tuple[str, ...], TickCode] = field(default_factory=dict, repr=False, compare=False)
+    _made: list[Question] = field(default_factory=list, repr=False, compare=False)
 
     def targets(self) -> dict[str, Target]:
         """Clauses of its promise, one for each state that has to stay."""
         when = f" in the first {{{self.within}}} ticks" if self.within else ""
-        return {
-            f"{x}_stays": Target(f"|{x}| never exceeds {{{bound}}}{when}", (bound,))
-            for x, bound in self.stays.items()
-        }
+        plain = {f"{x}_stays": Target(f"|{x}| never exceeds {{{bound}}}{when}", (bound,))
+                 for x, bound in self.stays.items() if isinstance(bound, str)}  # fmt: skip
+        worded = {x for x in self.stays if f"{x}_stays" not in plain}
+        return plain | {k: t for k, t in self.question().targets().items()
+                        if k.rpartition("_")[0] in worded}  # fmt: skip
 
     def says_start(self) -> str:
         """Its start set in words."""
-        return "every " + " and ".join(f"|{x}| <= {{{n}}}" for x, n in self.start.items())
+        parts = [f"|{x}| <= {{{b}}}" if isinstance(b, str) else f"{x} from {{{b[0]}}} to {{{b[1]}}}"
+                 for x, b in self.start.items()]  # fmt: skip
+        return "every " + " and ".join([*parts, *(f"{m} = {v}" for m, v in self.modes.items())])
 
     def code(self, numbers: Numbers) -> TickCode:
         """Its tick as operations, for numbers of these names.
@@ -91,49 +99,40 @@ class Loop:
         Raises:
             BadInput: the tick is not written for a proof.
         """
-        names = tuple(numbers)
+        names, states = tuple(numbers), (*self.start, *self.modes)
         if names not in self._codes:
-            groups = (names, tuple(self.start), tuple(self.pushed))
-            self._codes[names] = code_of_tick(self.tick, groups, tuple(self.start))
+            groups = (names, states, tuple(self.pushed))
+            self._codes[names] = code_of_tick(self.tick, groups, states)
         return self._codes[names]
 
     def criteria(self, numbers: Numbers) -> dict[str, Criterion]:
         """What proves its clauses."""
-        evidence = Evidence(lambda n: _find(self, n), lambda n, e: _check(self, n, e))
-        summed = Evidence(lambda n: _find_sums(self, n), lambda n, e: _check_sums(self, n, e))
-        tube = Evidence(lambda n: _find_tube(self, n), lambda n, e: _check_tube(self, n, e))
-        first = {"tube": Criterion(
-            "what each tick adds within the time, summed up", proves=tuple(self.targets()),
-            covers=self._covered(numbers), evidence=tube,
-        )} if self.within else {}  # fmt: skip
-        return {**first, "sums": Criterion(
-            "what each tick adds, summed up", proves=tuple(self.targets()),
-            covers=self._covered(numbers), evidence=summed,
-        ), "cells": Criterion(
-            "cells that no tick leaves", proves=tuple(self.targets()),
-            covers=self._covered(numbers), evidence=evidence,
-        )}  # fmt: skip
+        proves, covers = tuple(self.targets()), self._covered(numbers)
 
-    def sampled(self, n: Numbers) -> tuple[SampledLoop, Cell, Bounds]:
-        """The loop about 0, its numbers as parameters of one value, and what it withstands."""
-        code = self.code(n)
-        renamed = tuple(f"p_{i[2:]}" if i.startswith("n_") else i for i in code.inputs)
-        loop = SampledLoop(TickCode(renamed, code.steps, code.outputs), tuple(self.start),
-                           tuple(self.pushed), tuple(n))  # fmt: skip
-        still = (Fraction(0),) * len(self.start)
-        values = [Fraction(v) for v in n.values()]
-        cell = Cell(tuple((v, v) for v in values), still, (still,) * len(values))
-        pushed, start = ([Fraction(n[k]) for k in names.values()]
-                         for names in (self.pushed, self.start))  # fmt: skip
-        return loop, cell, Bounds(tuple(pushed), tuple(start))
+        def criterion(title: str, find: Any, check: Any) -> Criterion:
+            return Criterion(title, proves=proves, covers=covers, evidence=Evidence(find, check))
 
-    def _covered(self, numbers: Numbers) -> tuple[str, ...]:
-        """Numbers that its next states depend on: what the tick never looks at is not withstood."""
-        used = self.code(numbers).depends()
-        return (
-            *(n for d, n in self.pushed.items() if f"d_{d}" in used), *self.start.values(),
-            *(n for n in numbers if f"n_{n}" in used), *((self.within,) if self.within else ()),
-        )  # fmt: skip
+        found = {}
+        if self.within:
+            found["tube"] = criterion("what each tick adds within the time, summed up",
+                                      self._find_tube, self._check_tube)  # fmt: skip
+        if self._plain():
+            found["sums"] = criterion("what each tick adds, summed up",
+                                      self._find_sums, self._check_sums)  # fmt: skip
+        title = (
+            "cells with modes that no tick leaves" if self.modes else "cells that no tick leaves"
+        )
+        return {**found, "cells": criterion(title, self._find_cells, self.question().check)}
+
+    def refuters(self) -> dict[str, Refuter]:
+        """What refutes them."""
+        made = self.question().refuters()
+        if not self._plain():
+            return made
+        return {f"run_{x}": Refuter(
+            f"{x}_stays", lambda n, x=x: self._find_run(n, x),  # type: ignore[misc]
+            made[f"run_{x}"].replay,
+        ) for x in self.stays}  # fmt: skip
 
     def ticks(self, n: Numbers, otherwise: int) -> int:
         """Ticks for which is asked.
@@ -150,332 +149,140 @@ class Loop:
             )
         return min(int(many), otherwise)
 
-    def refuters(self) -> dict[str, Refuter]:
-        """What refutes them."""
-        return {
-            f"run_{x}": Refuter(
-                f"{x}_stays", lambda n, s=x: _find_run(self, n, s),  # type: ignore[misc]
-                lambda n, e, s=x: _replay(self, n, e, s),  # type: ignore[misc]
-            )
-            for x in self.stays
-        }  # fmt: skip
+    def _plain(self) -> bool:
+        """Whether nothing in its declaration keeps it from being summed up about 0."""
+        bounds = (*self.start.values(), *self.pushed.values(), *self.stays.values())
+        return not self.modes and all(isinstance(b, str) for b in bounds)
 
+    def _covered(self, numbers: Numbers) -> tuple[str, ...]:
+        """Numbers that its next states depend on: what the tick never looks at is not withstood."""
+        used = self.code(numbers).depends()
+        bounds = [b for d, b in self.pushed.items() if f"d_{d}" in used] + [*self.start.values()]
+        return (
+            *(n for b in bounds for n in ([b] if isinstance(b, str) else b)),
+            *(n for n in numbers if f"n_{n}" in used), *((self.within,) if self.within else ()),
+        )  # fmt: skip
 
-# ---- sets of cells ------------------------------------------------------------------------------
+    # ---- cells ----------------------------------------------------------------------------------
 
-
-def _span(low: Fraction, high: Fraction) -> Interval:
-    """Interval between two rationals, rounded outwards."""
-    a, b = Interval.of(low, DIGITS), Interval.of(high, DIGITS)
-    return Interval(a.low, b.high, DIGITS)
-
-
-@dataclass(frozen=True)
-class _Grid:
-    """Cells between -reach and reach of each state, so many along each."""
-
-    loop: Loop
-    numbers: Numbers
-    reach: tuple[Fraction, ...]
-    count: int
-
-    def start(self) -> Iterator[tuple[int, ...]]:
-        """Cells that touch the start set."""
-        spans = [(-self.numbers[n], self.numbers[n]) for n in self.loop.start.values()]
-        yield from self._touched(spans)
-
-    def images(self, cell: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
-        """Cells in which every tick from a cell ends.
+    def loop(self, n: Numbers) -> ModeLoop:
+        """The loop of these numbers.
 
         Raises:
-            DoesNotHold: it may end outside of all.
+            BadInput: a range that is empty.
         """
-        given = dict(self._fixed)
-        for x, i, reach in zip(self.loop.start, cell, self.reach, strict=True):
-            size = 2 * reach / self.count
-            given[f"x_{x}"] = _span(i * size - reach, (i + 1) * size - reach)
-        after = self.loop.code(self.numbers).run(given)
-        yield from self._touched([after[x].ends() for x in self.loop.start])
+        values = {f"n_{k}": Fraction(v) for k, v in n.items()}
+        return ModeLoop(
+            with_constants(self.code(n), values), tuple(self.start), tuple(self.modes),
+            tuple(_range(b, n) for b in self.start.values()), tuple(self.modes.values()),
+            {d: _range(b, n) for d, b in self.pushed.items()}, tuple(self.stays),
+        )  # fmt: skip
 
-    @cached_property
-    def _fixed(self) -> dict[str, Interval]:
-        numbers = self.numbers
-        pushed = {f"d_{d}": _span(-numbers[n], numbers[n]) for d, n in self.loop.pushed.items()}
-        return {f"n_{k}": Interval.of(v, DIGITS) for k, v in numbers.items()} | pushed
+    def question(self) -> Question:
+        """What is asked of its cells and runs."""
+        if not self._made:
+            stays = {x: s if isinstance(s, Stay) else Stay(s, f"|{x}|", both=True)
+                     for x, s in self.stays.items()}  # fmt: skip
+            self._made.append(Question(
+                self.loop, stays, self._covered, self.why, self.work if self.modes else FEW,
+                lambda n: self.ticks(n, MOST_TICKS) if self.within else None,
+            ))  # fmt: skip
+        return self._made[0]
 
-    def _touched(self, spans: Sequence[tuple[Fraction, Fraction]]) -> Iterator[tuple[int, ...]]:
-        ranges = []
-        for (low, high), reach in zip(spans, self.reach, strict=True):
-            if low < -reach or high > reach:
-                raise DoesNotHold("evidence: a tick leaves the cells")
-            scale = self.count / (2 * reach)
-            first = min(math.floor((low + reach) * scale), self.count - 1)
-            last = max(math.ceil((high + reach) * scale) - 1, first)
-            ranges.append(range(first, last + 1))
-        yield from product(*ranges)
+    def _find_cells(self, n: Numbers) -> Entries | None:
+        asked = all(bound in n for bound in self.stays.values() if isinstance(bound, str))
+        return self.question().find(n) if asked else None
 
+    # ---- sums -----------------------------------------------------------------------------------
 
-def _find(loop: Loop, n: Numbers) -> Entries | None:
-    """Grow the set from the start set, on grids that get finer."""
-    if len(loop.start) not in GRIDS or any(bound not in n for bound in loop.stays.values()):
-        return None
-    reach = _reach(loop, n)
-    for count in GRIDS[len(loop.start)]:
-        grid = _Grid(loop, n, reach, count)
+    def sampled(self, n: Numbers) -> tuple[SampledLoop, Cell, Bounds]:
+        """The loop about 0, its numbers as parameters of one value, and what it withstands."""
+        code = self.code(n)
+        renamed = tuple(f"p_{i[2:]}" if i.startswith("n_") else i for i in code.inputs)
+        loop = SampledLoop(TickCode(renamed, code.steps, code.outputs), tuple(self.start),
+                           tuple(self.pushed), tuple(n))  # fmt: skip
+        still = (Fraction(0),) * len(self.start)
+        values = [Fraction(v) for v in n.values()]
+        cell = Cell(tuple((v, v) for v in values), still, (still,) * len(values))
+        pushed, start = ([_range(k, n)[1] for k in bounds.values()]
+                         for bounds in (self.pushed, self.start))  # fmt: skip
+        return loop, cell, Bounds(tuple(pushed), tuple(start))
+
+    def _searched(
+        self, n: Numbers, find: Callable[..., Any], check: Callable[[Numbers, Entries], None]
+    ) -> Entries | None:
+        if any(bound not in n for bound in self.stays.values()):
+            return None
         try:
-            found = set(grid.start())
-            new = list(found)
-            while new and len(found) <= MOST_CELLS:
-                for cell in grid.images(new.pop()):
-                    if cell not in found:
-                        found.add(cell)
-                        new.append(cell)
-        except (DoesNotHold, ArithmeticError):
-            continue
-        if not new:
-            return {"reach": [str(r) for r in reach], "count": count, "cells": _runs(found)}
-    return None
+            entry: Entries = find(*self.sampled(n))[0]
+            check(n, entry)
+        except (NoProof, DoesNotHold, ArithmeticError, np.linalg.LinAlgError):
+            return None
+        return entry
+
+    def _keeps(self, n: Numbers, found: Cell, most: list[Fraction]) -> None:
+        """Confirm that a proof is one of these numbers, and that what it proves was asked.
+
+        Raises:
+            DoesNotHold: it is not.
+        """
+        if found != self.sampled(n)[1]:
+            raise DoesNotHold("evidence: it speaks of other numbers, or of another rest")
+        for state, z in zip(self.start, most, strict=True):
+            if state in self.stays and z > n[str(self.stays[state])]:
+                raise DoesNotHold(f"evidence: {state} is not shown to stay")
+
+    def _find_sums(self, n: Numbers) -> Entries | None:
+        return self._searched(n, find_cell, self._check_sums)
+
+    def _check_sums(self, n: Numbers, given: Entries) -> None:
+        sampled, _, bounds = self.sampled(n)
+        self._keeps(n, *check_cell(sampled, bounds, given))
+
+    def _find_tube(self, n: Numbers) -> Entries | None:
+        ticks = self.ticks(n, 10**9)
+        return self._searched(n, lambda *loop: find_tube(*loop, ticks), self._check_tube)
+
+    def _check_tube(self, n: Numbers, given: Entries) -> None:
+        sampled, _, bounds = self.sampled(n)
+        found, most, ticks = check_tube(sampled, bounds, given)
+        if ticks != self.ticks(n, 10**9):
+            raise DoesNotHold("evidence: it speaks of another time")
+        self._keeps(n, found, most)
+
+    def _find_run(self, n: Numbers, state: str) -> Entries | None:
+        """A run that leaves: one that adds up in the linear loop, or the worst of many."""
+        bound = n.get(str(self.stays[state]))
+        if bound is None:
+            return None
+        _, _, most = self.sampled(n)
+        names, ticks = list(self.start), self.ticks(n, MOST_TICKS)
+        run, numbers = self.code(n).compiled(), [float(v) for v in n.values()]
+        with suppress(ArithmeticError, ValueError):
+            found = summed_run(
+                lambda x, d: run(*numbers, *x, *d), [0.0] * len(names),
+                ([float(v) for v in most.start], [float(v) for v in most.push]),
+                names.index(state), float(bound) * (1 + 1e-9),
+                {min(k, ticks) for k in (50, 200, 700, ticks)},
+            )  # fmt: skip
+            if found is not None:
+                return run_entries(*found)
+        return self.question().find_run(n, state)
 
 
-def _reach(loop: Loop, n: Numbers) -> tuple[Fraction, ...]:
-    """How far the cells go: to what a state must not exceed, else to twice what runs come to."""
-    far = {x: float(n[name]) for x, name in loop.start.items()}
-    for seed in range(10):
-        for states in _run(loop, n, seed, 200):
-            for x, value in states.items():
-                far[x] = max(far[x], min(abs(value), 1e30))
-    return tuple(
-        Fraction(n[loop.stays[x]]) if x in loop.stays
-        else Fraction(2 * value or 1.0).limit_denominator(10**9)
-        for x, value in far.items()
-    )  # fmt: skip
+SwitchedLoop = Loop
+"""A loop with modes."""
 
 
-def _runs(found: set[tuple[int, ...]]) -> list[list[int]]:
-    """Cells as [indices of all states but the last, first and last index of that one]."""
-    out: list[list[int]] = []
-    for *row, i in sorted(found):
-        if out and out[-1][:-2] == row and out[-1][-1] == i - 1:
-            out[-1][-1] = i
-        else:
-            out.append([*row, i, i])
-    return out
+def _range(bound: Bound, n: Numbers) -> tuple[Fraction, Fraction]:
+    """Range of a bound.
 
-
-def _check(loop: Loop, n: Numbers, given: Entries) -> None:
-    entry = read_mapping(given, ("reach", "count", "cells"), "evidence", True)
-    states = len(loop.start)
-    reach = tuple(rational(r, "evidence.reach")
-                  for r in rows(entry["reach"], "evidence.reach", states, states))  # fmt: skip
-    count = whole(entry["count"], "evidence.count", 1, 1000)
-    cells: set[tuple[int, ...]] = set()
-    for run in rows(entry["cells"], "evidence.cells", MOST_CELLS):
-        read = [whole(i, "evidence.cells", 0, count - 1)
-                for i in rows(run, "evidence.cells", states + 1, states + 1)]  # fmt: skip
-        cells.update((*read[:-2], i) for i in range(read[-2], read[-1] + 1))
-        if len(cells) > MOST_CELLS:
-            raise BadInput(f"evidence.cells: slipctl checks at most {MOST_CELLS}")
-    if min(reach, default=Fraction(0)) <= 0:
-        raise DoesNotHold("evidence: cells of no size")
-    for x, r in zip(loop.start, reach, strict=True):
-        if x in loop.stays and not r <= n[loop.stays[x]]:
-            raise DoesNotHold(f"evidence: its cells go farther than {x} may")
-    grid = _Grid(loop, n, reach, count)
-    if _runs(cells) != entry["cells"]:
-        raise DoesNotHold("evidence: its cells are not in order")
-    if not set(grid.start()) <= cells:
-        raise DoesNotHold("evidence: a start lies outside of its cells")
-    for cell in cells:
-        if not set(grid.images(cell)) <= cells:
-            raise DoesNotHold("evidence: a tick leaves its cells")
-
-
-# ---- sums ---------------------------------------------------------------------------------------
-
-
-def _find_sums(loop: Loop, n: Numbers) -> Entries | None:
-    """A proof by sums, for a loop that is smooth about 0."""
-    if any(bound not in n for bound in loop.stays.values()):
-        return None
-    sampled, cell, bounds = loop.sampled(n)
-    try:
-        entry, _ = find_cell(sampled, cell, bounds)
-        _check_sums(loop, n, entry)
-    except (NoProof, DoesNotHold, ArithmeticError, np.linalg.LinAlgError):
-        return None
-    return entry
-
-
-def _check_sums(loop: Loop, n: Numbers, given: Entries) -> None:
-    sampled, cell, bounds = loop.sampled(n)
-    found, box = check_cell(sampled, bounds, given)
-    if found != cell:
-        raise DoesNotHold("evidence: it speaks of other numbers, or of another rest")
-    for state, z in zip(loop.start, box, strict=True):
-        if state in loop.stays and z > n[loop.stays[state]]:
-            raise DoesNotHold(f"evidence: {state} is not shown to stay")
-
-
-def _find_tube(loop: Loop, n: Numbers) -> Entries | None:
-    """A proof for a finite time, of a loop that is smooth about 0."""
-    if any(bound not in n for bound in loop.stays.values()):
-        return None
-    sampled, cell, bounds = loop.sampled(n)
-    try:
-        entry, _ = find_tube(sampled, cell, bounds, loop.ticks(n, 10**9))
-        _check_tube(loop, n, entry)
-    except (NoProof, DoesNotHold, ArithmeticError, np.linalg.LinAlgError):
-        return None
-    return entry
-
-
-def _check_tube(loop: Loop, n: Numbers, given: Entries) -> None:
-    sampled, cell, bounds = loop.sampled(n)
-    found, far, ticks = check_tube(sampled, bounds, given)
-    if found != cell or ticks != loop.ticks(n, 10**9):
-        raise DoesNotHold("evidence: it speaks of other numbers, or of another time")
-    for state, z in zip(loop.start, far, strict=True):
-        if state in loop.stays and z > n[loop.stays[state]]:
-            raise DoesNotHold(f"evidence: {state} is not shown to stay")
-
-
-# ---- runs ---------------------------------------------------------------------------------------
-
-
-def _run(
-    loop: Loop, n: Numbers, seed: int, ticks: int, state: str = "",
-    kept: list[dict[str, int]] | None = None,
-) -> Iterator[Values]:  # fmt: skip
-    """Run in floats from a corner of the start set.
-
-    With an even seed all that pushes is at the corner of its set that takes a state farthest from 0
-    in the next tick. With an odd one it holds a random corner for some ticks.
+    Raises:
+        BadInput: it is empty.
     """
-    rng, plain = random.Random(seed), {k: float(v) for k, v in n.items()}
-    ticked = _on_floats(loop, n)
-    corners = [dict(zip(loop.pushed, s, strict=True))
-               for s in product((-1, 1), repeat=len(loop.pushed))]  # fmt: skip
-    signs = {x: rng.choice((-1, 1)) for x in loop.start}
-    states: Values = {x: signs[x] * plain[name] for x, name in loop.start.items()}
-    stay = rng.choice((1, 2, 3, 8, ticks))
-    kept = [] if kept is None else kept
-    kept.append(signs)
-    pushes = [({d: s[d] * plain[name] for d, name in loop.pushed.items()}, s) for s in corners]
-    held = pushes[0]
-    for i in range(ticks):
-        try:
-            if seed % 2 == 0:
-                tried = [(ticked(states, push), s) for push, s in pushes]
-                states, signs = max(tried, key=lambda t: abs(t[0][state or next(iter(t[0]))]))
-            else:
-                held = rng.choice(pushes) if i % stay == 0 else held
-                states, signs = ticked(states, held[0]), held[1]
-        except (ArithmeticError, ValueError):
-            return
-        kept.append(signs)
-        yield states
-
-
-def _on_floats(loop: Loop, n: Numbers) -> Callable[[Values, Values], dict[str, float]]:
-    """Next states of states and what pushes, in floats."""
-    run, numbers = loop.code(n).compiled(), [float(v) for v in n.values()]
-
-    def ticked(states: Values, pushed: Values) -> dict[str, float]:
-        found = run(*numbers, *states.values(), *pushed.values())
-        return dict(zip(loop.start, found, strict=True))
-
-    return ticked
-
-
-def _summed_run(loop: Loop, n: Numbers, state: str, limit: float) -> Entries | None:
-    """Run whose start and pushes add up in a state, as the loop linearised at 0 says."""
-    ticked, names, pushes = _on_floats(loop, n), list(loop.start), list(loop.pushed)
-    zero, still = dict.fromkeys(names, 0.0), dict.fromkeys(pushes, 0.0)
-    small = 1e-7
-
-    def column(x: Values, d: Values) -> list[float]:
-        moved, at = ticked(x, d), ticked(zero, still)
-        return [(moved[k] - at[k]) / small for k in names]
-
-    try:
-        A = np.array([column({**zero, k: small}, still) for k in names]).T
-        B = np.array([column(zero, {**still, d: small}) for d in pushes]).reshape(-1, len(names)).T
-    except (ArithmeticError, ValueError):
-        return None
-    row, by_push, by_start = np.eye(len(names))[names.index(state)], [], []
-    for _ in range(MOST_TICKS):
-        if not np.isfinite(row).all():
-            break
-        by_push.append(np.sign(row @ B).astype(int).tolist())
-        row = row @ A
-        by_start.append(np.sign(row).astype(int).tolist())
-        if np.abs(row).max() > FAR:
-            break
-    most = loop.ticks(n, MOST_TICKS)
-    for ticks in sorted({min(k, most) for k in (50, 200, 700, most, len(by_push))}):
-        signs = [dict(zip(pushes, s, strict=True)) for s in reversed(by_push[:ticks])]
-        for turn in (1, -1):
-            begin = by_start[min(ticks, len(by_start)) - 1] if by_start else [0] * len(names)
-            first = {k: turn * s for k, s in zip(names, begin, strict=True)}
-            states: Values = {k: s * float(n[loop.start[k]]) for k, s in first.items()}
-            for i, one in enumerate(signs):
-                try:
-                    push = {d: turn * s * float(n[loop.pushed[d]]) for d, s in one.items()}
-                    states = ticked(states, push)
-                except (ArithmeticError, ValueError):
-                    break
-                if not abs(states[state]) <= limit:
-                    start = {k: str(s * n[loop.start[k]]) for k, s in first.items()}
-                    pushed = [{d: str(turn * s * n[loop.pushed[d]]) for d, s in p.items()}
-                              for p in signs[: i + 1]]  # fmt: skip
-                    return {"start": start, "pushed": pushed}
-    return None
-
-
-def _find_run(loop: Loop, n: Numbers, state: str) -> Entries | None:
-    limit = float(n[loop.stays[state]]) * (1 + 1e-9)
-    summed = _summed_run(loop, n, state, limit)
-    if summed is not None:
-        return summed
-    for seed in range(60):
-        kept: list[dict[str, int]] = []
-        for states in _run(loop, n, seed, loop.ticks(n, 400), state, kept):
-            if not abs(states[state]) <= limit:
-                start = {x: str(s * n[loop.start[x]]) for x, s in kept[0].items()}
-                pushed = [{d: str(s * n[loop.pushed[d]]) for d, s in p.items()} for p in kept[1:]]
-                return {"start": start, "pushed": pushed}
-    start = {x: str(n[name]) for x, name in loop.start.items()}
-    beyond = state in start and n[loop.start[state]] > n[loop.stays[state]]
-    return {"start": start, "pushed": []} if beyond else None
-
-
-def _replay(loop: Loop, n: Numbers, given: Entries, state: str) -> str:
-    entry = read_mapping(given, ("start", "pushed"), "run", True)
-    pushed = rows(entry["pushed"], "run.pushed", loop.ticks(n, MOST_TICKS))
-    digits = 2 * DIGITS + len(pushed) // 4  # an interval widens from tick to tick
-    states = _read(entry["start"], loop.start, n, "run.start", digits)
-    code = loop.code(n)
-    given = {f"n_{k}": Interval.of(v, digits) for k, v in n.items()}
-    for i, one in enumerate(pushed):
-        push = _read(one, loop.pushed, n, f"run.pushed[{i}]", digits)
-        given |= {f"x_{x}": v for x, v in states.items()} | {f"d_{d}": v for d, v in push.items()}
-        states = code.run(given)
-    low, high = states[state].ends()
-    limit = n[loop.stays[state]]
-    if not (low > limit or high < -limit):
-        raise DoesNotHold(f"run: {state} is not shown to exceed its bound")
-    return f"after {len(pushed)} ticks |{state}| is {float(max(low, -high)):.6g} at least"
-
-
-def _read(
-    given: Any, bounds: Mapping[str, str], n: Numbers, where: str, digits: int
-) -> dict[str, Interval]:
-    """Values of a run, none beyond its bound."""
-    entry = read_mapping(given, tuple(bounds), where, True)
-    out = {}
-    for name, bound in bounds.items():
-        value = rational(entry[name], where)
-        if abs(value) > n[bound]:
-            raise DoesNotHold(f"{where}: {name} is larger than was asked")
-        out[name] = Interval.of(value, digits)
-    return out
+    if isinstance(bound, str):
+        return -Fraction(n[bound]), Fraction(n[bound])
+    low, high = (Fraction(n[b]) for b in bound)
+    if low > high:
+        raise BadInput(f"{bound[0]} is larger than {bound[1]}")
+    return low, high

@@ -103,11 +103,14 @@ def one(seed: int, within: bool) -> tuple[str, str]:
                 return "CERTIFIED", f"seed {seed}: not with less {name}, {plain}"
     if payload["verdict"] == "REFUTED":
         run = payload["counterexample"]["run"]
-        x = np.array([float(Fraction(v)) for v in run["start"].values()])
-        for push in run["pushed"]:
-            x = after(plain, x, float(Fraction(push["w"])))
-        if abs(x[0]) < limit * (1 - 1e-6):
-            return "REFUTED", f"seed {seed}: its run comes to {x[0]:g} < {limit:g}"
+        x = np.zeros(states)
+        x[0], most = run["start"][0] * plain["e0"], plain["e0"]
+        for count, sign in run["pushes"]:
+            for _ in range(count):
+                x = after(plain, x, sign * plain["W"])
+                most = max(most, abs(x[0]))
+        if most < limit * (1 - 1e-6):
+            return "REFUTED", f"seed {seed}: its run comes to {most:g} < {limit:g}"
     return payload["verdict"], ""
 
 

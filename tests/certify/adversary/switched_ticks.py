@@ -77,9 +77,8 @@ def runs(tick, reals, modes, numbers, rng, many, ticks) -> float:
 def one(seed: int) -> tuple[str, str]:
     """Verdict on a random machine, and what is false of it; empty if nothing."""
     from slipctl.certify import proofs
-    from slipctl.certify.cells.switched_loop import Stay, SwitchedLoop
     from slipctl.certify.promise import INPUT, TARGET, Number, System
-    from slipctl.certify.ticks.tick_sets import if_else
+    from slipctl.certify.ticks.tick_sets import Stay, SwitchedLoop, if_else
 
     rng = random.Random(seed)
     written, reals, modes = source(rng)

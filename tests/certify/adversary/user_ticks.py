@@ -269,18 +269,23 @@ def one(seed: int) -> tuple[str, str]:
 
 def replayed(tick, states, numbers, run) -> bool:
     """Whether the run of a counterexample leaves the band, computed exactly while that is short."""
-    n, x = {"K": Exact(numbers["K"])}, {s: Exact(run["start"][s]) for s in states}
     try:
-        for push in run["pushed"]:
-            x = tick(n, x, {"w": Exact(push["w"])})
-            x = {s: shortened(Exact(x[s])) for s in states}
+        return _leaves(tick, states, numbers, run, Exact, numbers["band"])
     except OverflowError:
-        n = {"K": float(numbers["K"])}
-        x = {s: float(Fraction(run["start"][s])) for s in states}
-        for push in run["pushed"]:
-            x = tick(n, x, {"w": float(Fraction(push["w"]))})
-        return abs(float(x["e"])) > float(numbers["band"]) * (1 - 1e-6)
-    return abs(x["e"].value) > numbers["band"]
+        return _leaves(tick, states, numbers, run, float, float(numbers["band"]) * (1 - 1e-6))
+
+
+def _leaves(tick, states, numbers, run, kind, band) -> bool:
+    n = {"K": kind(numbers["K"])}
+    x = {s: kind(sign * numbers["e0"]) for s, sign in zip(states, run["start"], strict=True)}
+    pushes = (sign for count, sign in run["pushes"] for _ in range(count))
+    for push in (None, *pushes):
+        if push is not None:
+            x = tick(n, x, {"w": kind(push * numbers["W"])})
+            x = {s: shortened(Exact(x[s])) if kind is Exact else float(x[s]) for s in states}
+        if abs(x["e"].value if kind is Exact else x["e"]) > band:
+            return True
+    return False
 
 
 def trial(n: int, seed: int) -> Tally:

@@ -14,10 +14,15 @@ from typing import Any
 
 from slipctl.certify.arithmetic.decimal_intervals import precise
 from slipctl.certify.entries import DoesNotHold
-from slipctl.certify.planar import interval_systems, lagged_runs, scalar_maps, scalar_runs
-from slipctl.certify.planar.lagged_maps import Lagged
-from slipctl.certify.planar.scalar_maps import Interval, Tick, exactly
 from slipctl.certify.systems import Entries, Evidence, Numbers, Refuter, Witness
+from slipctl.models.bounded_error.certificate import (
+    interval_systems,
+    lagged_runs,
+    scalar_maps,
+    scalar_runs,
+)
+from slipctl.models.bounded_error.certificate.lagged_maps import Lagged
+from slipctl.models.bounded_error.certificate.scalar_maps import Interval, Tick, exactly
 
 As = Callable[[Any], Any]
 """Makes a float or a decimal of a rational."""

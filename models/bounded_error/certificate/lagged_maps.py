@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slipctl.certify.arithmetic.decimal_intervals import precise
-from slipctl.certify.planar.scalar_maps import DIGITS, SLOP, Interval, Pull
+from slipctl.models.bounded_error.certificate.scalar_maps import DIGITS, SLOP, Interval, Pull
 
 SIDES = 64
 """Number of normals."""

@@ -13,7 +13,15 @@ from decimal import Decimal
 from typing import Any
 
 from slipctl.certify.arithmetic.decimal_intervals import precise
-from slipctl.certify.planar.scalar_maps import DIGITS, LARGEST, SLOP, Interval, Tick, image, turn
+from slipctl.models.bounded_error.certificate.scalar_maps import (
+    DIGITS,
+    LARGEST,
+    SLOP,
+    Interval,
+    Tick,
+    image,
+    turn,
+)
 
 MOST = 20_000
 """Longest run that is looked for, in ticks."""

@@ -1,13 +1,4 @@
-"""A loop with modes that is declared by its tick: a state machine behind a valve.
-
-    loop = SwitchedLoop(
-        tick, start={"s": "none", "p": "none"}, modes={"valve": 0},
-        pushed={"c": ("least", "most"), "w": "W"}, stays={"s": Stay(high="band", words="the slip")},
-    )
-
-``tick`` is plain Python as for ``tick_sets.Loop``. Real states have cells, each combination of
-modes has a grid of its own (``mode_cells``).
-"""
+"""What is asked of a loop with modes, however it was made: its clauses, proofs by cells, runs."""
 
 from __future__ import annotations
 
@@ -26,7 +17,7 @@ from slipctl.certify.cells.mode_proofs import (
     runs_of_loop,
 )
 from slipctl.certify.cells.mode_runs import Runs, replay_run, run_entries
-from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows
+from slipctl.certify.entries import DoesNotHold, rational, read_mapping
 from slipctl.certify.promise import (
     Criterion,
     Entries,
@@ -38,14 +29,6 @@ from slipctl.certify.promise import (
     rounded_up,
 )
 from slipctl.certify.smooth.sums import NoProof
-from slipctl.certify.ticks.tick_code import TickCode, with_constants
-from slipctl.certify.ticks.tick_source import code_of_tick
-from slipctl.errors import BadInput
-
-Bound = str | tuple[str, str]
-"""Number that bounds a value, |x| <= it; or those of its least and its largest value."""
-
-Range = tuple[Fraction, Fraction]
 
 
 @dataclass(frozen=True)
@@ -55,11 +38,17 @@ class Stay:
     Attributes:
         high: number that it never exceeds; where it is not told, the promise names what is proved.
         words: the state in words. unit: its unit.
+        both: whether that is asked of its size, |x|.
     """
 
     high: str
     words: str = ""
     unit: str = "1"
+    both: bool = False
+
+    def ends(self, most: Fraction | None) -> tuple[Fraction | None, Fraction | None]:
+        """Least and largest value that it may have."""
+        return -most if self.both and most is not None else None, most
 
 
 @dataclass(frozen=True)
@@ -70,6 +59,7 @@ class Question:
         loop: makes the loop of the numbers. stays: what is promised, by state.
         covers: inputs that a proof includes, of the numbers. why: is filled where no proof is.
         work: operations that a search may take.
+        within: ticks for which it is asked, of the numbers; None for ever.
     """
 
     loop: Callable[[Numbers], ModeLoop]
@@ -77,6 +67,7 @@ class Question:
     covers: Callable[[Numbers], tuple[str, ...]]
     why: list[str] = field(default_factory=list)
     work: int = WORK
+    within: Callable[[Numbers], int | None] = lambda n: None
     _seen: dict[Any, Runs] = field(default_factory=dict, repr=False, compare=False)
     _found: dict[Any, tuple[Entries | None, list[str]]] = field(
         default_factory=dict, repr=False, compare=False
@@ -107,14 +98,14 @@ class Question:
         ) for x in self.stays}  # fmt: skip
 
     def _bounds(self, n: Numbers) -> Bounds:
-        return {x: (None, n.get(s.high)) for x, s in self.stays.items()}
+        return {x: s.ends(n.get(s.high)) for x, s in self.stays.items()}
 
-    def runs(self, loop: ModeLoop) -> Runs:
-        """Runs of a loop, simulated once."""
-        key = (loop.code.steps, loop.start, tuple(loop.push.items()), loop.stride)
+    def runs(self, loop: ModeLoop, most: int | None = None) -> Runs:
+        """Runs of a loop, simulated once, of so many ticks at most."""
+        key = (loop.code.steps, loop.start, tuple(loop.push.items()), loop.stride, most)
         if key not in self._seen:
             self._seen.clear()
-            self._seen[key] = runs_of_loop(loop)
+            self._seen[key] = runs_of_loop(loop, most)
         return self._seen[key]
 
     def find(self, n: Numbers) -> Entries | None:
@@ -131,13 +122,15 @@ class Question:
     def _searched(self, n: Numbers) -> Entries | None:
         try:
             loop = self.loop(n)
-            found = find_cells(loop, self._bounds(n), self.runs(loop), self.work)
+            runs = self.runs(loop, self.within(n))
+            found = find_cells(loop, self._bounds(n), runs, self.work)
         except (NoProof, ArithmeticError) as error:
             self.why.append(str(error))
             return None
         reach, close = {}, False
         for x, (_, most) in self._bounds(n).items():
             high = found.reach.high[x]
+            high = max(high, -found.reach.low[x]) if self.stays[x].both else high
             told = rounded_up(high + abs(high) / 10**9 + Fraction(1, 10**12), 12)
             if most is not None and told > most:  # within roundings of what is wanted
                 told, close = most, True
@@ -164,7 +157,7 @@ class Question:
         for x, high in self._bounds(n).items():
             if high[1] is not None and most[x] > high[1]:
                 raise DoesNotHold(f"evidence: {x} is not shown to stay")
-        check_evidence(loop, {x: (None, m) for x, m in most.items()},
+        check_evidence(loop, {x: self.stays[x].ends(m) for x, m in most.items()},
                        {"grid": entry["grid"], "cells": entry["cells"]})  # fmt: skip
 
     def find_run(self, n: Numbers, state: str) -> Entries | None:
@@ -178,8 +171,11 @@ class Question:
             return None
         if state not in loop.reals:  # its pushes hold more than any axle does
             return None
-        far, starts, signs = self.runs(loop).worst[state, 1]
-        return run_entries(starts, signs) if far > float(limit) * (1 + 1e-9) else None
+        for side in (1, -1) if self.stays[state].both else (1,):
+            far, starts, signs = self.runs(loop, self.within(n)).worst[state, side]
+            if side * far > float(limit) * (1 + 1e-9):
+                return run_entries(starts, signs)
+        return None
 
     def replay(self, n: Numbers, given: Entries, state: str) -> str:
         """What a run does, in a line.
@@ -189,9 +185,12 @@ class Question:
         """
         entry = read_mapping(given, ("start", "pushes"), "run", True)
         stay = self.stays[state]
-        ticks, value = replay_run(self.loop(n), entry, state, None, Fraction(n[stay.high]))
-        return (f"{stay.words or state} comes to {number_text(value, stay.unit, 4)} after {ticks}"
-                " ticks")  # fmt: skip
+        ends = stay.ends(Fraction(n[stay.high]))
+        ticks, value = replay_run(self.loop(n), entry, state, *ends, self.within(n))
+        far = abs(value) if stay.both else value
+        return (
+            f"{stay.words or state} comes to {number_text(far, stay.unit, 4)} after {ticks} ticks"
+        )
 
 
 def _says(state: str, stay: Stay, n: Numbers, proof: Entries) -> str:
@@ -204,115 +203,3 @@ def _says(state: str, stay: Stay, n: Numbers, proof: Entries) -> str:
     most = rounded_up(rational(evidence["reach"][state], "evidence.reach"), 4)
     said = f"{words} never exceeds {number_text(most, stay.unit, 4)}"
     return said + (f", asked were {asked}" if asked else "")
-
-
-@dataclass(frozen=True)
-class SwitchedLoop:
-    """A loop with modes, tick by tick.
-
-    Attributes:
-        tick: next states, of the numbers, the states and what pushes, all by name.
-        start: by real state what bounds it at the start, a number or two.
-        pushed: by what pushes what bounds it in each tick.
-        stays: what is promised, by real state.
-        modes: states that are whole numbers, with their value at the start.
-        why: is filled where there is no proof. work: operations that a search may take.
-    """
-
-    tick: Callable[..., Mapping[str, Any]]
-    start: Mapping[str, Bound]
-    pushed: Mapping[str, Bound]
-    stays: Mapping[str, Stay]
-    modes: Mapping[str, int]
-    why: list[str] = field(default_factory=list, compare=False)
-    work: int = WORK
-    _codes: dict[tuple[str, ...], TickCode] = field(default_factory=dict, repr=False, compare=False)
-    _made: list[Question] = field(default_factory=list, repr=False, compare=False)
-
-    def code(self, numbers: Numbers) -> TickCode:
-        """Its tick as operations, for numbers of these names.
-
-        Raises:
-            BadInput: the tick is not written for a proof.
-        """
-        names = tuple(numbers)
-        if names not in self._codes:
-            states = (*self.start, *self.modes)
-            self._codes[names] = code_of_tick(
-                self.tick, (names, states, tuple(self.pushed)), states
-            )
-        return self._codes[names]
-
-    def loop(self, n: Numbers) -> ModeLoop:
-        """The loop of these numbers.
-
-        Raises:
-            BadInput: a range that is empty.
-        """
-        values = {f"n_{k}": Fraction(v) for k, v in n.items()}
-        return ModeLoop(
-            with_constants(self.code(n), values), tuple(self.start), tuple(self.modes),
-            tuple(_range(b, n) for b in self.start.values()), tuple(self.modes.values()),
-            {d: _range(b, n) for d, b in self.pushed.items()}, tuple(self.stays),
-        )  # fmt: skip
-
-    def question(self) -> Question:
-        """Its criteria and refuters."""
-        if not self._made:
-            self._made.append(Question(self.loop, self.stays, self._covered, self.why, self.work))
-        return self._made[0]
-
-    def _covered(self, n: Numbers) -> tuple[str, ...]:
-        used = self.code(n).depends()
-        found = [k for k in n if f"n_{k}" in used]
-        for d, bound in self.pushed.items():
-            if f"d_{d}" in used:
-                found += [bound] if isinstance(bound, str) else list(bound)
-        for bound in self.start.values():
-            found += [bound] if isinstance(bound, str) else list(bound)
-        return tuple(found)
-
-    def targets(self) -> dict[str, Target]:
-        """Clauses of its promise."""
-        return self.question().targets()
-
-    def criteria(self, numbers: Numbers) -> dict[str, Criterion]:
-        """What proves them."""
-        return self.question().criteria(numbers)
-
-    def refuters(self) -> dict[str, Refuter]:
-        """What refutes them."""
-        return self.question().refuters()
-
-    def says_start(self) -> str:
-        """Its start set in words."""
-        parts = [f"|{x}| <= {{{b}}}" if isinstance(b, str) else f"{x} from {{{b[0]}}} to {{{b[1]}}}"
-                 for x, b in self.start.items()]  # fmt: skip
-        parts += [f"{m} = {v}" for m, v in self.modes.items()]
-        return "every " + " and ".join(parts)
-
-
-def _range(bound: Bound, n: Numbers) -> Range:
-    """Range of a bound.
-
-    Raises:
-        BadInput: it is empty.
-    """
-    if isinstance(bound, str):
-        return -Fraction(n[bound]), Fraction(n[bound])
-    low, high = (Fraction(n[b]) for b in bound)
-    if low > high:
-        raise BadInput(f"{bound[0]} is larger than {bound[1]}")
-    return low, high
-
-
-def read_names(given: Any, where: str) -> tuple[str, ...]:
-    """Names of a file.
-
-    Raises:
-        BadInput: they are none.
-    """
-    names = rows(given, where, 500)
-    if not all(isinstance(n, str) and n.isidentifier() for n in names):
-        raise BadInput(f"{where} must be names")
-    return tuple(names)

@@ -13,10 +13,10 @@ from fractions import Fraction
 from typing import Any
 
 from slipctl.certify.arithmetic.decimal_intervals import Interval
-from slipctl.certify.cells.mode_cells import ModeLoop
+from slipctl.certify.cells.mode_cells import ModeLoop, Range
 from slipctl.certify.cells.mode_runs import farthest_of_runs
-from slipctl.certify.cells.switched_loop import Question, Range, Stay, read_names
-from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
+from slipctl.certify.cells.questions import Question, Stay
+from slipctl.certify.entries import DoesNotHold, rational, read_mapping, read_names, rows, whole
 from slipctl.certify.promise import (
     INPUT,
     SAMPLED,
@@ -30,6 +30,7 @@ from slipctl.certify.promise import (
     System,
     number_text,
 )
+from slipctl.certify.registry import register_of_loop
 from slipctl.certify.ticks.tick_code import TickCode, read_code
 from slipctl.errors import BadInput
 
@@ -248,3 +249,6 @@ def slide_system(build: Callable[[Numbers], ModeLoop] | None) -> System:
                " while a watchdog, or samples that are not believed, give the demand",),
         loop=question, time=lambda n: SAMPLED,
     )  # fmt: skip
+
+
+register_of_loop(slide_system(None), proved_last=True)

@@ -7,16 +7,14 @@ file does. That it is the tick of the vehicle is the word of who made the file.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
-
 from slipctl.certify.arithmetic.decimal_intervals import Interval
-from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows
+from slipctl.certify.entries import DoesNotHold, rational, read_mapping, read_names, rows
 from slipctl.certify.promise import (
     ASIDE,
     INPUT,
@@ -33,6 +31,8 @@ from slipctl.certify.promise import (
     number_text,
     rounded_up,
 )
+from slipctl.certify.registry import register_of_loop
+from slipctl.certify.smooth.linear_runs import summed_run
 from slipctl.certify.smooth.sampled_loop import Cell, SampledLoop
 from slipctl.certify.smooth.sums import Bounds, NoProof, check_cell, find_cell
 from slipctl.certify.smooth.tube import check_tube, find_tube
@@ -298,8 +298,8 @@ def _payload(loop: SampledLoop) -> dict[str, Any]:
 
 def _read_loop(entry: Mapping[str, Any]) -> SampledLoop:
     code = read_code(entry["tick"])
-    names = [rows(entry[k], f"evidence.{k}", 500) for k in ("states", "pushes", "slow")]
-    states, pushes, slow = (tuple(map(str, part)) for part in names)
+    states, pushes, slow = (read_names(entry[k], f"evidence.{k}")
+                            for k in ("states", "pushes", "slow"))  # fmt: skip
     wanted = [*(f"x_{s}" for s in states), *(f"d_{p}" for p in pushes), *(f"p_{s}" for s in slow)]
     if sorted(wanted) != sorted(code.inputs) or set(code.outputs) != set(states):
         raise BadInput("evidence: the tick has other inputs or outputs than its states")
@@ -318,51 +318,28 @@ def worst_run(
     """
     loop = built.loop
     cell = built.rest(((height, height),))
-    tick, many = loop.code.compiled(), len(loop.states)
+    tick = loop.code.compiled()
     rest, slip = [float(x) for x in cell.rest], loop.states.index(SLIP)
-    push = [float(w) for w in bounds.push]
     order = {name: i for i, name in enumerate(loop.code.inputs)}
     given = [0.0] * len(order)
     given[order[f"p_{loop.slow[0]}"]] = float(height)
     at = [order[f"x_{s}"] for s in loop.states]
-    w = order["d_w"] if "w" in loop.pushes else None
-    largest = push[loop.pushes.index("w")] if w is not None else 0.0
-    if w is None or not largest:
+    largest = float(bounds.push[loop.pushes.index("w")]) if "w" in loop.pushes else 0.0
+    if not largest:
         return None
 
-    def step(x: list[float], value: float) -> list[float]:
-        for i, v in zip(at, x, strict=True):
+    def step(x: Sequence[float], d: Sequence[float]) -> Sequence[float]:
+        for i, v in zip([*at, order["d_w"]], [*x, *d], strict=True):
             given[i] = v
-        given[w] = value
         return list(tick(*given))
 
-    still = step(rest, 0.0)
-    columns = [step(rest, 1e-6 * max(largest, 1e-3))]
-    A = np.empty((many, many))
-    for j in range(many):
-        off = max(abs(rest[j]), 1.0) * 1e-7
-        moved = step([x + off * (k == j) for k, x in enumerate(rest)], 0.0)
-        A[:, j] = (np.array(moved) - still) / off
-    now, gains = (np.array(columns[0]) - still), []
-    for _ in range(min(MOST_RUN, longest)):
-        gains.append(now[slip])
-        now = A @ now
-        if not np.isfinite(now).all() or abs(now[slip]) > 1e30:
-            break
-    for horizon in (200, 400, 800, 1600, 3000, MOST_RUN):
-        signs = [int(np.sign(g)) for g in reversed(gains[:horizon])]
-        for turn in (1, -1):
-            x = list(rest)
-            for k, sign in enumerate(signs):
-                x = step(x, turn * sign * largest)
-                if not abs(x[slip] - rest[slip]) <= band * (1 + 1e-6):
-                    if not np.isfinite(x).all():
-                        return None
-                    return {"height": str(height), "rest": [str(r) for r in cell.rest],
-                            "signs": [turn * s for s in signs[: k + 1]]}  # fmt: skip
-        if horizon >= len(gains):
-            break
-    return None
+    horizons = {min(k, longest) for k in (200, 400, 800, 1600, 3000, MOST_RUN)}
+    sizes = [0.0] * len(rest), [largest]
+    found = summed_run(step, rest, sizes, slip, band * (1 + 1e-6), horizons)
+    if found is None:
+        return None
+    return {"height": str(height), "rest": [str(r) for r in cell.rest],
+            "signs": found[1][:, 0].tolist()}  # fmt: skip
 
 
 # ---- the system ---------------------------------------------------------------------------------
@@ -402,3 +379,6 @@ def axle_system(build: Build | None, why: list[str] | None = None) -> System:
             " further off; while the demand rules",
         ), loop=question, time=lambda n: SAMPLED,
     )  # fmt: skip
+
+
+register_of_loop(axle_system(None))

@@ -13,11 +13,16 @@ from typing import Any
 from slipctl.certify.arithmetic.bisection import bisect
 from slipctl.certify.arithmetic.decimal_intervals import precise
 from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
-from slipctl.certify.planar import lagged_maps, lagged_runs, scalar_maps, scalar_runs
-from slipctl.certify.planar.lagged_maps import NORMALS, SIDES, Lagged
-from slipctl.certify.planar.scalar_maps import SLOP, Interval, Tick
-from slipctl.certify.planar.scalar_runs import Move, Run
 from slipctl.certify.systems import Entries, Witness
+from slipctl.models.bounded_error.certificate import (
+    lagged_maps,
+    lagged_runs,
+    scalar_maps,
+    scalar_runs,
+)
+from slipctl.models.bounded_error.certificate.lagged_maps import NORMALS, SIDES, Lagged
+from slipctl.models.bounded_error.certificate.scalar_maps import SLOP, Interval, Tick
+from slipctl.models.bounded_error.certificate.scalar_runs import Move, Run
 
 SMALLEST = 10**12
 """Shares in a file are multiples of one over this."""

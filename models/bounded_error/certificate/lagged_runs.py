@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from slipctl.certify.arithmetic.decimal_intervals import precise
-from slipctl.certify.planar.lagged_maps import Lagged, signed_pull
-from slipctl.certify.planar.scalar_maps import DIGITS, LARGEST, SLOP, Interval
+from slipctl.models.bounded_error.certificate.lagged_maps import Lagged, signed_pull
+from slipctl.models.bounded_error.certificate.scalar_maps import DIGITS, LARGEST, SLOP, Interval
 
 MOST = 6000
 """Longest run that is looked for, in ticks."""
