@@ -16,12 +16,14 @@ import casadi as ca
 import numpy as np
 
 from slipctl import BadInput, Block, argmax, make_block
-from slipctl.block.units.unit_algebra import parse_quantity
+from slipctl.block.signals import Signal
+from slipctl.block.units.unit_algebra import parse_quantity, split_quantity
 from slipctl.errors import Faults, nearest
 from slipctl.models.vehicle.parts import Contamination, Trip, Vehicle
 from slipctl.models.vehicle.plant import on_train
 from slipctl.models.wheel_rail.contact import law_of_wheel
 from slipctl.models.wheel_rail.rail_memory import blended_law
+from slipctl.study.files.declared_parts import Bare
 from slipctl.study.resolve import load_block
 
 BEYOND = 20.0
@@ -151,6 +153,19 @@ def numbers_of(block: Block, given: Mapping[str, float | str], where: str) -> di
     if faults:
         raise Faults(faults)
     return found
+
+
+def without_unit(
+    params: Mapping[str, Signal], given: Mapping[str, float | str], where: str
+) -> Iterator[str]:
+    """Numbers of a file that have no unit and whose parameters have one, a line each."""
+    for name, value in given.items():
+        bare = split_quantity(value)[1] is None if isinstance(value, str) else (
+            isinstance(value, Bare))  # fmt: skip
+        units = {s.unit for k, s in params.items() if k == name or k.endswith(f".{name}")}
+        if bare and len(units) == 1 and units != {"1"}:
+            told = f"{float(value):g} {units.pop()}"
+            yield f"{where}.{name}: {value} has no unit; it is read as {told}, write '{told}'"
 
 
 def rail_law(trip: Trip) -> Block:

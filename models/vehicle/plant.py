@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from casadi import fabs, fmax, fmin, if_else
+from casadi import fabs, fmax, fmin, if_else, sign
 
 from slipctl import (
     BadInput,
@@ -43,7 +43,6 @@ from slipctl.models.vehicle.parts import Actuator, Air, Lag, Valve, Vehicle
 from slipctl.models.wheel_rail.axles import Axles, rolling
 from slipctl.models.wheel_rail.twisting_wheelsets import law_on_two_wheels, train_that_twists
 from slipctl.models.zhang_2021.ep_valve import air_brake, dead_time, ep_valve
-from slipctl.models.zhang_2021.hst_braking import davis
 
 ADDED = "of the vehicle"
 
@@ -106,6 +105,21 @@ def with_gradient(
 ):
     """F_d = F_R + m g slope."""
     return F_R + m * g * slope
+
+
+@law(
+    F_R=Output("N", "resistance to motion", positive="braking"),
+    F_h=Output("N", "largest resistance of a train that stands"),
+    name="davis",
+)
+def running_resistance(
+    v=Input("m/s", "train speed"),
+    c0=Param("N", 0.0, "constant part", ADDED, lo=0, hi=1e6),
+    c1=Param("N s/m", 0.0, "linear part", ADDED, lo=0, hi=1e6),
+    c2=Param("N s^2/m^2", 0.0, "quadratic part", ADDED, lo=0, hi=1e6),
+):
+    """Davis resistance against the motion, forward or back; at a stand it holds up to c0."""
+    return dict(F_R=sign(v) * (c0 + c1 * fabs(v) + c2 * v**2), F_h=c0)
 
 
 def valve_brake() -> Block:
@@ -283,7 +297,7 @@ def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None
     drag = zip(("c0", "c1", "c2"), vehicle.resistance.of(vehicle.total), strict=True)
     parts = {
         **brakes,
-        "res": davis.with_params(**dict(drag)),
+        "res": running_resistance.with_params(**dict(drag)),
         "grade": with_gradient.with_params(m=vehicle.total, g=vehicle.gravity),
         "train": _train(vehicle, adhesion if field is not None else on_train(adhesion)),
     }
@@ -293,6 +307,8 @@ def plant(vehicle: Vehicle, part: Actuator, adhesion: Block, field: Block | None
         "res.v": "train.v",
         "grade.F_R": "res.F_R",
         "train.F_d": "grade.F_d",
+        "train.F_m": "res.F_R",
+        "train.F_h": "res.F_h",
         "T": torque,
         "omega": "train.omega_d" if driven else "train.omega",
     }

@@ -7,13 +7,25 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from slipctl.models.common_form import gains_of_law
+from slipctl.models.vehicle.adhesion import without_unit
 from slipctl.models.vehicle.contamination import patches_of_seed
-from slipctl.models.vehicle.parts import Air, Constant, Drawn, SlideProtection, Trip
+from slipctl.models.vehicle.parts import (
+    Air,
+    Drawn,
+    OwnLaw,
+    Searched,
+    SlideProtection,
+    SlipLaw,
+    Trip,
+)
 from slipctl.models.vehicle.parts.plausibility import unusual_numbers
+from slipctl.models.vehicle.parts.without_effect import parts_without_effect
 from slipctl.models.vehicle.trip import CLEAN, case, clean_case
 from slipctl.run.roles import Signals
 from slipctl.run.sweep.ensemble import Ensemble
 from slipctl.study.declaration import Certificates, Figure, Study
+from slipctl.study.resolve import load_block
 
 SIGNALS = Signals(
     speed="plant.train.v", position="plant.train.x", slip="slip.y",
@@ -69,19 +81,24 @@ def signals_of_trip(trip: Trip) -> Signals:
     return replace(SIGNALS, mirrored=trip.vehicle.mode == "drive", **more)
 
 
-def parts_without_effect(trip: Trip) -> Iterator[str]:
-    """What of a trip has no effect on any run, a line each."""
-    used = {s.condition for s in trip.rail.sections}
-    for name in trip.rail.conditions:
-        if name not in used:
-            yield f"rail.conditions.{name}: no section of the rail has this condition"
-    for k, section in enumerate(trip.rail.sections):
-        if section.time is not None and section.time >= trip.duration:
-            yield f"rail.sections.{k}: begins at {section.time:g} s, the run ends before"
-    part = trip.demand
-    end = part.end if isinstance(part, Constant) else None
-    if end is not None and end[1] == "s" and end[0] >= trip.duration:
-        yield f"demand.until: {part.until} is not before the end of the run, {trip.duration:g} s"
+def numbers_without_unit(trip: Trip) -> Iterator[str]:
+    """Parameters of laws whose unit the file leaves out, a line each: they are read in SI."""
+    track, layer = trip.rail, trip.rail.contamination
+    for name, values in track.conditions.items():
+        yield from without_unit(load_block(track.law).params, values, f"rail.conditions.{name}")
+    if layer is not None:
+        curve = load_block(layer.law or track.law)
+        yield from without_unit(curve.params, layer.numbers, "rail.contamination.numbers")
+    parts = {"": trip, **{f"controllers.{k}.": part for k, part in trip.controllers.items()}}
+    for where, part in parts.items():
+        sought = getattr(part, "reference", None)
+        if isinstance(sought, Searched):
+            curve = load_block(sought.law)
+            yield from without_unit(curve.params, sought.start, f"{where}reference.start")
+        if isinstance(part, SlipLaw | OwnLaw):
+            given = gains_of_law(part.kind) if isinstance(part, SlipLaw) else (
+                load_block(part.block).params.values())  # fmt: skip
+            yield from without_unit({s.name: s for s in given}, part.gains, where[:-1])
 
 
 MAGNETS = (
@@ -158,7 +175,8 @@ def study(trip: Trip, name: str = "trip", source: str = "a vehicle of one's own"
         signals=signals_of_trip(trip), plain=("base", CLEAN),
         limits={k: v for k, v in vars(trip.limits).items() if v is not None},
         ensembles=ensembles, gains=partial(certificates_of_trip, trip),
-        without_effect=(*parts_without_effect(trip), *unusual_numbers(trip)),
+        without_effect=(*parts_without_effect(trip), *numbers_without_unit(trip),
+                        *unusual_numbers(trip)),
         figures={
             "speeds": Figure("Speed of the vehicle and of a rim", _speeds),
             "slip": Figure("Slip and torque of one axle, and the distance", _slip),

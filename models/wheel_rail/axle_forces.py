@@ -25,7 +25,9 @@ PEAKS = tuple(float(s) for s in np.geomspace(1e-3, 5.0, 40))
 """Creeps in m/s among which the peak of the law is sought, for trains slower than the last one."""
 
 
-def standing_forces(push: Any, hold: Any, most: Any, need: Any, count: Any) -> tuple[Any, Any]:
+def standing_forces(
+    push: Any, hold: Any, most: Any, need: Any, count: Any, rests: Any = 0
+) -> tuple[Any, Any]:
     """Whether all axles and the train can stand at the end of the step, and the forces that do it.
 
     Args:
@@ -34,10 +36,12 @@ def standing_forces(push: Any, hold: Any, most: Any, need: Any, count: Any) -> t
         most: what the rail under each carries.
         need: force of all that stops the train.
         count: how many axles are alike.
+        rests: force beside the axles that holds the train either way, where they do not suffice.
     """
     lo, hi = ca.fmax(push - hold, -most), ca.fmin(push + hold, most)
     least, largest = ca.dot(count, lo), ca.dot(count, hi)
-    stands = ca.logic_and(ca.mmin(hi - lo) >= 0, ca.logic_and(least <= need, need <= largest))
+    reached = ca.logic_and(least - rests <= need, need <= largest + rests)
+    stands = ca.logic_and(ca.mmin(hi - lo) >= 0, reached)
     share = (need - least) / ca.fmax(largest - least, 1e-300)
     return stands, lo + ca.fmax(0, ca.fmin(share, 1)) * (hi - lo)
 

@@ -17,12 +17,13 @@ takes torque, it gives none: where it would turn the wheel back, the wheel stand
 With ``standing`` a train comes to a stand and stays there, by complementarity: v+ = 0 and all
 omega_i+ = 0 where forces exist that do it within the step,
 
-    F_d - M v/h = sum n_i F_i,   |r F_i - J omega_i/h - T_i| <= T_b,i,   |F_i| <= max mu_i N_i
+    F_d - F_m + R - M v/h = sum n_i F_i,   |R| <= F_h,
+    |r F_i - J omega_i/h - T_i| <= T_b,i,   |F_i| <= max mu_i N_i
 
-and the step as above where not. So v is 0 exactly, and the train starts again when more is asked of
-brake or rail than they carry. A wheel that is locked slides on all of its patch, however slowly. So
-it has the largest adhesion where the train is slower than the slip of the peak, or as much less as
-its brake takes.
+and the step as above where not. F_m is the running resistance in F_d, and R what it is at a stand.
+So v is 0 exactly, and the train starts again when more is asked of brake or rail than they carry. A
+wheel that is locked slides on all of its patch, however slowly. So it has the largest adhesion
+where the train is slower than the slip of the peak, or as much less as its brake takes.
 
 F_i is one number in both equations, so that with the mean speeds of the step, as an identity,
 
@@ -54,6 +55,7 @@ from slipctl.models.wheel_rail.axle_forces import (
 from slipctl.models.wheel_rail.contact import check_patch
 
 TRACTION = {"positive": "traction"}
+BRAKING = {"positive": "braking"}
 SOURCE = "Wang 2025, Table 1"
 
 LEFT = 1.0
@@ -222,7 +224,7 @@ class _Train:
         """Place, speed of the train, speeds of the axles."""
         return [
             State("m", 0.0, "position of the first axle", lo=-1e7, hi=1e7).named("x"),
-            State("m/s", 0.0, "train speed", lo=-1, hi=200).named("v"),
+            State("m/s", 0.0, "train speed", lo=-200 if self.standing else -1, hi=200).named("v"),
             self.each(State("rad/s", "v / r", "speed of an axle", lo=-1e4, hi=1e4), "omega"),
         ]
 
@@ -234,6 +236,10 @@ class _Train:
             Input("N", "running resistance", value=0.0, positive="braking").named("F_d"),
             *self.beside,
         ]
+        if self.standing:
+            moving = Input("N", "part of F_d that only opposes motion", value=0.0, **BRAKING)
+            found += [moving.named("F_m"),
+                      Input("N", "largest of that at a stand", value=0.0).named("F_h")]  # fmt: skip
         if "dN" in self.apart:
             found.append(self.each(Input("N", "load that moves onto an axle", value=0.0), "dN"))
         if driven := len(self.axles.motors):
@@ -336,8 +342,8 @@ class _Train:
         )  # fmt: skip
         stands: Any = False
         if self.standing:
-            hold = p["braked"] * u["T_b"] / r
-            stands, F_stand = standing_forces(push, hold, height * N, u["F_d"] - m * v / h, count)
+            hold, need = p["braked"] * u["T_b"] / r, u["F_d"] - u["F_m"] - m * v / h
+            stands, F_stand = standing_forces(push, hold, height * N, need, count, u["F_h"])
             F, locked = ca.if_else(stands, F_stand, F), ca.if_else(stands, 1, locked)
             residual = ca.if_else(stands, 0, residual)
         return _Contact(F, N, v_s, locked, stands, residual, stop, a)
@@ -350,9 +356,10 @@ class _Train:
         F, N, v_s, locked, stands, residual, stop, a = contact
         omega_next = ca.if_else(locked, 0, (p["J"] / h * omega + T - stop - r * F) / a)
         F_all = ca.dot(count, F)
-        acceleration = (F_all - u["F_d"]) / m
+        acceleration, F_d = (F_all - u["F_d"]) / m, u["F_d"]
         if self.standing:
             acceleration = ca.if_else(stands, -v / h, acceleration)
+            F_d = ca.if_else(stands, F_all + m * v / h, F_d)
         v_next = v + h * acceleration
         if self.standing:
             v_next = ca.if_else(stands, 0, v_next)
@@ -364,7 +371,7 @@ class _Train:
             v_s_max=ca.mmax(v_s), v_s_min=ca.mmin(v_s), F_rim=rim,
             P_drive=ca.dot(count, T * mean), P_brake=ca.dot(count, taken * mean),
             P_bearing=ca.dot(count, p["B_t"] * omega_next * mean),
-            P_slip=ca.dot(count, F * (r * mean - v_mean)), P_d=u["F_d"] * v_mean,
+            P_slip=ca.dot(count, F * (r * mean - v_mean)), P_d=F_d * v_mean,
             residual=residual,
         )  # fmt: skip
         if self.standing:

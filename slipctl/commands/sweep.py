@@ -7,12 +7,13 @@ import json
 import logging
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from slipctl.block.shared_numbers import number_at, targets
 from slipctl.commands import compare
 from slipctl.commands.progress import Progress
 from slipctl.errors import BadInput, nearest
@@ -55,6 +56,8 @@ def answer(options: argparse.Namespace, command: str) -> int:
     places = {n: out / n if together else out for n in loops}
     # all of them are checked before the first one runs
     worlds = {n: None if options.varied else _world(asked.study, case, n, options) for n in loops}
+    world = worlds[loops[0]]
+    _refuse_overruled(asked, case, world.ensemble.draw if world else options.varied)
     progress = Progress(len(loops), sys.stderr, options.quiet)
     found: dict[str, Sweep] = {}
     try:
@@ -85,6 +88,20 @@ def answer(options: argparse.Namespace, command: str) -> int:
             log.error("%s: %d of %d runs failed; run %d: %s", name, len(failed), len(one.runs),
                       run, why)  # fmt: skip
     return 1 if any(one.failed for one in found.values()) else 0
+
+
+def _refuse_overruled(asked: Request, case: Case, varied: Iterable[str]) -> None:
+    """Refuse a ``--set`` of a number that each run of the sweep sets to another value."""
+    for text in asked.settings:
+        setting = case_setup.Setting.read(text)
+        for name, loop in case.loops.items():
+            given = {number_at(loop, n) for n in setting.matches(loop)}
+            for one in (v.partition("=")[0].strip() for v in varied):
+                drawn = {number_at(loop, n) for n in targets(loop, one)}
+                if given and given <= drawn and setting.loop in ("", name):
+                    raise BadInput(
+                        f"--set {text}: the sweep varies {one}, so it has no effect; leave one out"
+                    )
 
 
 def _sweep(

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from slipctl.block.units.unit_algebra import unit
+from slipctl.block.units.unit_algebra import says_what_counts, unit
 from slipctl.errors import BadInput
 from slipctl.tables.heads import is_offset, is_unit, other_unit_in_name, unit_in_name
 from slipctl.tables.table import Table
@@ -106,6 +106,9 @@ def unit_of_column(table: Table, column: str, told: str, wanted: str, notes: lis
         notes.append(
             f"{column} is read in {told}, as --map says; the unit {head!r} in its head is not known"
         )
+        head = ""
+    elif head and told and says_what_counts(head, told):
+        notes.append(f"{column} is in {told}, as --map says; its head says {head}")
         head = ""
     named = unit_in_name(column, told or head or wanted) if told or head or wanted else ""
     said = {

@@ -147,3 +147,14 @@ def test_a_number_of_samples_without_effect_is_told(words, told, tmp_path, capsy
     said = capsys.readouterr()
     assert "3 runs" in said.out
     assert ("is left out, as nothing is drawn" in said.err) == told
+
+
+@pytest.mark.parametrize("words", [("--vary", "m=30e3:45e3", "--samples", "2"), ("--samples", "2")])
+@pytest.mark.parametrize("loop", [":none", ""])
+def test_a_setting_of_what_varies_is_refused(words, loop, tmp_path, capsys):
+    """Each run would set it to another value: of the line's own range, and of the ensemble."""
+    code, text, err = swept(tmp_path, capsys, *words, "--set", "m=33t", loop=loop)
+    assert code == 2
+    assert not text
+    assert "--set m=33t: the sweep varies m, so it has no effect" in err
+    assert swept(tmp_path, capsys, *words, "--set", "r=0.4m", loop=loop)[0] == 0

@@ -3,10 +3,23 @@
 import numpy as np
 import pytest
 
-from slipctl import Rail, Scenario, Section, connect, sampled, simulate
+from slipctl import Rail, Scenario, Section, connect, prepare, sampled, simulate
 from slipctl.models.cheng_2022 import freight_traction as freight
 from slipctl.models.huang_2020 import subway_braking as subway
 from slipctl.models.shared_names import GRADIENT, SHARED
+from slipctl.models.vehicle import (
+    Constant,
+    DemandAlone,
+    Exact,
+    Lag,
+    Sensors,
+    Stretch,
+    Track,
+    Trip,
+    Vehicle,
+    case,
+)
+from slipctl.models.vehicle.parts.vehicle import Davis
 from slipctl.models.wang_2025 import hst_traction as wang
 from slipctl.models.zhang_2021 import hst_braking as hst
 from slipctl.models.zhang_2021.hst_braking_estimate import accelerometer
@@ -100,3 +113,56 @@ def test_a_rail_sets_the_gradient_section_by_section():
     assert a[0] - flat["wheel.a"].values[0] == pytest.approx(9.81 * 0.02)
     # the air slows it by little less at the lower speed
     assert a[510] - a[490] == pytest.approx(-2 * 9.81 * 0.02, abs=2e-3)
+
+
+# ---- a vehicle of a file that rolls back, and one that its resistance holds ----------------------
+
+MASS, SHARE = 38e3, 1 + 4 * 110.0 / 0.42**2 / 38e3
+
+
+def rolled(speed: float, slope: float, resistance: Davis, duration: float, mode="brake", **demand):
+    """Speed, place and what is told of a vehicle without slip control."""
+    found = case(Trip(
+        duration=duration, vehicle=Vehicle(mass=MASS, inertia=110.0, speed=speed, mode=mode,
+                                           resistance=resistance),
+        actuator=Lag(torque=8e3), demand=Constant(**demand or {"deceleration": 0.0}),
+        rail=Track(sections=(Stretch(place=0.0, condition="dry"),), gradient=slope),
+        sensors=Sensors(wheel_speed=Exact()), controllers={"none": DemandAlone()},
+    ))  # fmt: skip
+    log = prepare(found.loops["none"], found.scenario, compile=False)(doubt=True)
+    return log, log.told()
+
+
+def test_resistance_opposes_a_vehicle_that_rolls_back() -> None:
+    """Its linear part too; and the run says that the vehicle rolls back, not that it is wrong."""
+    a, b, push = 500.0, 500.0, MASS * 9.81 * 0.02
+    log, told = rolled(1.0, 0.02, Davis(a=a, b=b), 40.0)
+    k = b / (MASS * SHARE)
+    turn = np.log(1 + b * 1.0 / (push + a)) / k
+    back = (push - a) / b * (1 - np.exp(-k * (log["time"][-1] - turn)))
+    assert log["plant.train.v"][-1] == pytest.approx(-back, rel=1e-3)
+    assert len(told) == 1
+    assert told[0].startswith("the vehicle rolls back from ")
+    x = log["plant.train.x"]
+    assert f", {x.max() - x[-1]:.4g} m and up to {back:.3g} m/s" in told[0]
+
+
+@pytest.mark.parametrize(("speed", "slope"), [(0.3, -0.005), (0.0, -0.005), (0.0, 0.005)])
+def test_resistance_holds_a_vehicle_that_stands(speed: float, slope: float) -> None:
+    """Below its constant part: v0^2/(2 a) to a stand at v = 0 exactly, books in balance."""
+    log, told = rolled(speed, slope, Davis(a=3e3), 12.0)
+    v, x = log["plant.train.v"], log["plant.train.x"]
+    a = (3e3 + MASS * 9.81 * slope) / (MASS * SHARE)
+    assert v[-1] == 0
+    assert told == []
+    assert x[-1] == pytest.approx(speed**2 / (2 * a), rel=5e-3, abs=1e-12)
+    taken = sum(log[f"plant.train.{n}"] for n in ("P_brake", "P_slip", "P_d"))
+    held = 0.5 * MASS * SHARE * speed**2
+    assert 1e-3 * taken.sum() == pytest.approx(held, rel=1e-2, abs=1e-9)
+
+
+def test_a_motor_has_to_overcome_the_resistance_first() -> None:
+    log, _ = rolled(0.0, 0.0, Davis(a=3e3), 5.0, "drive", acceleration=0.05)
+    assert (log["plant.train.v"] == 0).all()
+    log, _ = rolled(0.0, 0.0, Davis(a=3e3), 5.0, "drive", acceleration=0.1)
+    assert log["plant.train.v"][-1] == pytest.approx((0.1 - 3e3 / MASS / SHARE) * 4.9, rel=0.03)

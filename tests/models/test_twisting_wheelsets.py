@@ -110,7 +110,7 @@ def test_a_tick_is_the_differential_equation_of_each_driven_axle():
         for x in (angle, rate):  # about the mean
             x -= (x @ np.array(J) / sum(J))[:, None]
         x = start | {"omega": (SPEED + slip) / r, "angle": angle.ravel(), "rate": rate.ravel()}
-        u = {"T": T, "T_b": 0.0, "F_d": 0.0, "dN": load - 9.81e4}
+        u = {"T": T, "T_b": 0.0, "F_d": 0.0, "F_m": 0.0, "F_h": 0.0, "dN": load - 9.81e4}
         after, y = block.f(block.pack("state", x), block.pack("input", u),
                            block.pack("param", block.param_values()))  # fmt: skip
         after, y = block.unpack("state", after), block.unpack("output", y)

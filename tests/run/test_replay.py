@@ -142,6 +142,27 @@ def test_arithmetic_takes_further_columns(tmp_path: Path) -> None:
         replay(block, read_recording(file), {"v_s": "Train - Wheel[1/min] * r"}, compile=False)
 
 
+@pytest.mark.parametrize(("head", "said", "factor"), [
+    ("1/min", "rpm", 2 * np.pi / 60), ("Hz", "turn/s", 2 * np.pi), ("1/s", "rad/s", 1.0),
+    ("1/min", "turn/s", None), ("rpm", "rad/s", None), ("rad/s", "rpm", None),
+])  # fmt: skip
+def test_a_person_says_what_a_rate_in_a_head_counts(
+    tmp_path: Path, head: str, said: str, factor: float | None
+) -> None:
+    """A head of 1/min is refused where it is wanted, and the unit that the line asks for is taken;
+    another time, or a unit that contradicts the head, is not."""
+    t = np.arange(5) * 0.1
+    file = write(tmp_path / "log.csv", {"t": t, f"n [{head}]": 180 + t})
+    block = from_text("y = 2*w where w [rad/s]")
+    mapped = {"w": f"n[{said}]"}
+    if factor is None:
+        with pytest.raises(Faults, match="units are never overruled"):
+            replay(block, read_recording(file), mapped, compile=False)
+        return
+    found = replay(block, read_recording(file), mapped, compile=False)
+    assert np.allclose(found.data["y"].values, 2 * factor * (180 + t), rtol=1e-12)
+
+
 @step(period=0.1)
 def counted(n=State("1", 0.0), u=Input("1"), k=Param("1", 2.0, lo=0, hi=10)):  # type: ignore[no-untyped-def]
     """A sum."""

@@ -153,3 +153,10 @@ def test_the_rail_carries_its_peak_on_the_load_of_each_axle(conditions):
             assert carried[row, axle] == pytest.approx(wanted, rel=1e-4)
     if len(conditions) > 1:
         assert np.ptp(carried) > 0
+
+
+def test_a_demand_by_place_that_the_run_does_not_come_to_is_told():
+    log, lines = told(demand=Constant(deceleration=0.1, until="900 m"))
+    far = log["plant.train.x"].max()
+    assert lines == [f"the demand changes at 900 m, and the run ends at {far:.4g} m"]
+    assert told(demand=Constant(deceleration=0.1, until="20 m"))[1] == []

@@ -51,6 +51,14 @@ def test_a_line_says_where_a_vehicle_stops_and_how_its_wheels_fared():
     assert "wheels lock for 20 s; misses its limit of lock_time" in lines["none"]
 
 
+def test_a_line_says_that_a_vehicle_rolls_back():
+    """A driven one that its motors do not hold; one that has stopped, and does not stay there."""
+    back, turns = -0.2 * T, 2 - 0.4 * T
+    lines = answer_lines(results(started=log(back, back), stopped=log(turns, turns)), "base")
+    assert lines["started"].startswith("started goes from 0 km/h to 14.4 km/h backwards in 20 s,")
+    assert lines["stopped"].startswith("stopped stops in 4.987 m and rolls back;")
+
+
 @pytest.mark.parametrize(
     ("slip", "held", "said"),
     [

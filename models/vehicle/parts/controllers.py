@@ -183,7 +183,12 @@ class SlipControl(Part):
         hi=10,
     )
     let_go_every: float = number(
-        "s", 8.0, "time from the release of one axle to that of the next", lo=0.5, hi=100
+        "s",
+        8.0,
+        "time from the release of one axle to that of the next",
+        lo=0.5,
+        hi=100,
+        needs=("let_go",),
     )
     radius: float | tuple[float, ...] | None = number(
         "m",

@@ -20,13 +20,13 @@ Fault = tuple[str, str]
 
 def number(
     unit: str, value: Any = MISSING, doc: str = "", *, lo: float = -math.inf, hi: float = math.inf,
-    by: str = "", key: str = "", instead_of: tuple[str, ...] = (),
+    by: str = "", key: str = "", instead_of: tuple[str, ...] = (), needs: tuple[str, ...] = (),
 ) -> Any:  # fmt: skip
     """Declare a number of a part, or a list of them; without ``value`` it must be given.
 
     With ``by`` it may be told by another quantity too, ``by="kg"`` takes N/kg for N; see ``Each``.
     ``key`` is its name in a file, where Python has no such name. A file has none of the keys
-    ``instead_of`` beside it.
+    ``instead_of`` beside it. Without each of ``needs`` it has no effect.
 
     Raises:
         BadInput: unit and value are swapped, a value that is no number or is outside its range.
@@ -43,12 +43,16 @@ def number(
     meta = {"unit": unit, "doc": doc, "lo": lo, "hi": hi} | ({"by": by} if by else {})
     meta |= {"key": key} if key else {}
     meta |= {"instead_of": instead_of} if instead_of else {}
+    meta |= {"needs": needs} if needs else {}
     return field(default=value, metadata=meta)
 
 
-def text_field(value: Any, doc: str, instead_of: tuple[str, ...] = ()) -> Any:
-    """Declare what is no number, with its meaning; ``instead_of`` as of a number."""
+def text_field(
+    value: Any, doc: str, instead_of: tuple[str, ...] = (), needs: tuple[str, ...] = ()
+) -> Any:
+    """Declare what is no number, with its meaning; ``instead_of`` and ``needs`` as of a number."""
     meta = {"doc": doc} | ({"instead_of": instead_of} if instead_of else {})
+    meta |= {"needs": needs} if needs else {}
     if isinstance(value, (dict, list)):
         return field(default_factory=lambda: type(value)(value), metadata=meta)
     return field(default=value, metadata=meta)

@@ -40,12 +40,19 @@ class Pads(Part):
         lo=1,
         hi=1e9,
     )
-    cooling: float = number("W/K", 0.0, "heat that the air takes, per kelvin", lo=0, hi=1e6)
+    cooling: float = number(
+        "W/K", 0.0, "heat that the air takes, per kelvin", lo=0, hi=1e6, needs=("heat_capacity",)
+    )
     fade: float = number(
         "1/K", 0.0, "share of the friction lost per kelvin above fade_from", lo=0, hi=0.1
     )
     fade_from: float = number(
-        "K", 250.0, "temperature above the air from which the pads fade", lo=0, hi=3000
+        "K",
+        250.0,
+        "temperature above the air from which the pads fade",
+        lo=0,
+        hi=3000,
+        needs=("fade",),
     )
 
     def misfits(self) -> Iterator[Fault]:

@@ -114,8 +114,11 @@ class Contamination(Part):
         ),
         lo=1,
         hi=10,
+        needs=("tau",),
     )
-    own: bool = text_field(False, "whether a wheel itself runs on the rail that it cleans")
+    own: bool = text_field(
+        False, "whether a wheel itself runs on the rail that it cleans", needs=("tau",)
+    )
     drying: float | None = number(
         "s", None, "time constant in which the layer dries by itself", lo=1, hi=1e6
     )

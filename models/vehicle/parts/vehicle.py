@@ -41,7 +41,9 @@ class Car(Part):
     axles: int = number("1", 4, "number of axles", lo=1, hi=32)
     bogies: int = number("1", 2, "number of bogies; 0: the axles are under the body", lo=0, hi=16)
     wheelbase: float = number("m", 2.1, "distance of the axles of a bogie", lo=0.4, hi=30)
-    bogie_centres: float = number("m", 11.0, "distance of its bogie centres", lo=0, hi=60)
+    bogie_centres: float = number(
+        "m", 11.0, "distance of its bogie centres", lo=0, hi=60, needs=("bogies",)
+    )
     length: float = number("m", 18.0, "length over buffers or couplers", lo=1, hi=100)
     radius: float | None = number(
         "m", None, "wheel radius; none given: that of the vehicle", lo=0.2, hi=1
@@ -64,11 +66,22 @@ class Car(Part):
         hi=5,
     )
     pivot_height: float = number(
-        "m", 0.8, "height at which the bogie transmits the brake force to the body", lo=0, hi=3
+        "m",
+        0.8,
+        "height at which the bogie transmits the brake force to the body",
+        lo=0,
+        hi=3,
+        needs=("height", "bogies"),
     )
-    bogie_mass: float = number("kg", 0.0, "mass of one bogie without wheelsets", lo=0, hi=1e5)
-    bogie_height: float = number("m", 0.6, "height of the bogie's centre of mass", lo=0, hi=3)
-    wheelset_mass: float = number("kg", 0.0, "mass of one wheelset", lo=0, hi=1e4)
+    bogie_mass: float = number(
+        "kg", 0.0, "mass of one bogie without wheelsets", lo=0, hi=1e5, needs=("height", "bogies")
+    )
+    bogie_height: float = number(
+        "m", 0.6, "height of the bogie's centre of mass", lo=0, hi=3, needs=("height", "bogies")
+    )
+    wheelset_mass: float = number(
+        "kg", 0.0, "mass of one wheelset", lo=0, hi=1e4, needs=("height",)
+    )
     pads: Pads | None = text_field(None, "brake pads; none given: those of the vehicle")
 
     def misfits(self) -> Iterator[Fault]:

@@ -259,9 +259,22 @@ def refuse_count(text: str) -> None:
         BadInput: 1/min, Hz and the like, without rad, deg or rpm.
     """
     text = SPOKEN.get(text.strip(), text)
-    a, counted = unit(text), re.search(r"rad|deg|turn|rpm|revol|°", text)
-    if a.dims == dims_of(s=-1) and not counted and ("Hz" in text or not a.same(unit("1/s"))):
+    if _counts(text) and ("Hz" in text or not unit(text).same(unit("1/s"))):
         raise BadInput(f"{text} may count revolutions or radians; write rpm, turn/s or rad/s")
+
+
+def _counts(text: str) -> bool:
+    """Whether a unit is a rate that does not say what it counts."""
+    return unit(text).dims == dims_of(s=-1) and not re.search(r"rad|deg|turn|rpm|revol|°", text)
+
+
+def says_what_counts(text: str, said: str) -> bool:
+    """Whether ``said`` tells what a rate counts, in the same time: rpm or rad/min for 1/min."""
+    text, said = (SPOKEN.get(t.strip(), t) for t in (text, said))
+    if not _counts(text) or _counts(said) or unit(said).dims != unit(text).dims:
+        return False
+    ratio = unit(said).scale / unit(text).scale
+    return any(math.isclose(ratio, one, rel_tol=1e-12) for one in (1.0, 2 * math.pi))
 
 
 def _ratio(a: Unit, b: Unit) -> Fraction:

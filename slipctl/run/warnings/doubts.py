@@ -324,6 +324,7 @@ def _unreached(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
                 f"{len(late)} of {len(rail.starts)} sections of the rail begin at {late[0]:g} m or"
                 f" beyond; the run ends at {far:.4g} m"
             )
+    yield from _demands_beyond(loop, log)
     if end is None or end.signal not in log or end.above is None:
         return
     if not end.there(np.asarray(log[end.signal]).reshape(len(time), -1)).any():
@@ -331,6 +332,16 @@ def _unreached(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
             f"{end.signal} never reaches {end.above:g}, where the run was to end; it ends after its"
             f" duration, {scenario.duration:g} s"
         )
+
+
+def _demands_beyond(loop: Block, log: Values) -> Iterator[str]:
+    """Points of a demand over the position that the run does not come to."""
+    over = [path for path, part in loop.leaves() if part.choices.get("over") == "position"]
+    for path in over:
+        at = np.atleast_1d(loop.param_values()[f"{path}.at"])
+        far = float(np.max(log["plant.train.x"])) if "plant.train.x" in log else np.inf
+        if (at > far).any():
+            yield (f"the {path} changes at {at[at > far][0]:g} m, and the run ends at {far:.4g} m")
 
 
 # ---- ranges and energy ---------------------------------------------------------------------------

@@ -1,8 +1,8 @@
 """What the wheels of a run did that a reader has to know before its numbers: physics, in words.
 
 A wheel slides beyond the slip that its law of adhesion is meant for. A wheel spins without end.
-Slip control holds the brake below the demand though the rail would carry it. The speed
-that is estimated from the wheels errs by more than it allows for.
+Slip control holds the brake below the demand though the rail would carry it. The vehicle rolls
+back. The speed that is estimated from the wheels errs by more than it allows for.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ BELOW = 0.9
 
 FIRST = "slip control holds"
 """How the line begins that stands before all others."""
+
+BACK = 0.02
+"""Speed in m/s from which a vehicle goes backwards."""
 
 RATIO_FROM = 1.0
 """Speed in m/s below which a slip ratio says nothing."""
@@ -80,7 +83,23 @@ def wheel_warnings(loop: Block, scenario: Scenario, log: Values) -> list[str]:
     if np.asarray(log["time"]).size < 2:
         return []
     held = _held(loop, scenario, log)
-    return [*held, *_ended_releases(log), *_wrong_speed(log), *_slides(loop, log)]
+    rolls = _rolls_back(log)
+    return [*held, *rolls, *_ended_releases(log), *_wrong_speed(log), *_slides(loop, log)]
+
+
+def _rolls_back(log: Values) -> Iterator[str]:
+    """A vehicle that goes backwards, as on a slope that its brakes or motors do not hold."""
+    if not all(n in log for n in ("plant.train.v", "plant.train.x")):
+        return
+    time, x, v = (np.asarray(log[n], dtype=float) for n in ("time", "plant.train.x",
+                                                            "plant.train.v"))  # fmt: skip
+    back = v < -BACK
+    if back.any():
+        way = float(np.max(np.maximum.accumulate(x) - x))
+        yield (
+            f"the vehicle rolls back from {time[int(np.argmax(back))]:.4g} s on, {way:.4g} m and up"
+            f" to {-v.min():.3g} m/s: its wheels do not hold it on the slope"
+        )
 
 
 # ---- a slide -------------------------------------------------------------------------------------

@@ -34,6 +34,10 @@ class Each(float):
     """A number that was told by another quantity: N/kg where N is wanted, to be multiplied."""
 
 
+class Bare(float):
+    """A number that was written without a unit, where only a block knows whether it has one."""
+
+
 def read(kind: type, content: Any) -> tuple[Any, list[Fault]]:
     """Read a table as a part.
 
@@ -155,7 +159,10 @@ class _Reader:
                 return self.fault(keys, f"is {_shown(given)}; write a text")
             return given
         if float in single and isinstance(given, (int, float)) and not isinstance(given, bool):
-            return float(given)
+            try:
+                return Bare(given)
+            except OverflowError:
+                return self.fault(keys, "is too large a number")
         return self.fault(keys, f"is {_shown(given)}, which cannot stand here")
 
     def one_of(self, classes: list[Any], given: Any, keys: Keys) -> Any:

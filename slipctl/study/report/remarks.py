@@ -14,7 +14,7 @@ from slipctl.block.units.unit_algebra import display_scale
 from slipctl.run.metrics import Metric, Run
 from slipctl.run.results import Results
 from slipctl.run.warnings.doubts import EstimateOff
-from slipctl.run.warnings.wheels import FIRST
+from slipctl.run.warnings.wheels import BACK, FIRST
 from slipctl.run.waveform import rms
 from slipctl.study.case_setup import warnings_before_run
 from slipctl.study.report.texts import number, values_beyond_limit
@@ -49,11 +49,12 @@ def _stop(run: Run, metrics: Mapping[str, Metric]) -> str:
     """Where the vehicle stopped, or how far it came."""
     v, distance = run.get("speed"), metrics.get("distance")
     stop = metrics.get("stopping_distance")
+    back = v is not None and float(v[0]) >= 0 and float(v[-1]) < -BACK
     if stop is not None and stop.value is not None:
-        return f"stops in {number(stop.value)} m"
+        return f"stops in {number(stop.value)} m" + (" and rolls back" if back else "")
     if v is None or distance is None:
         return ""
-    ends = f"{number(KMH * abs(float(v[-1])), 3)} km/h"
+    ends = f"{number(KMH * abs(float(v[-1])), 3)} km/h" + (" backwards" if back else "")
     there = f"{number(run.duration, 3)} s, {number(distance.value)} m"
     if stop is not None:
         return f"does not stop: {ends} after {there}"

@@ -1,0 +1,120 @@
+"""Keys of a vehicle's file that change no run, or not as a reader takes them.
+
+They are of what is not there, or of what comes when the run is over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import MISSING, fields
+from typing import Any
+
+from slipctl.models.vehicle.parts.actuator import Air
+from slipctl.models.vehicle.parts.declaration import Part
+from slipctl.models.vehicle.parts.demand import Constant, Profile
+from slipctl.models.vehicle.parts.trip import Trip
+from slipctl.study.files.declared_parts import key_of
+
+
+def parts_without_effect(trip: Trip) -> Iterator[str]:
+    """What of a trip has no effect on any run, a line each."""
+    used = {s.condition for s in trip.rail.sections}
+    for name in trip.rail.conditions:
+        if name not in used:
+            yield f"rail.conditions.{name}: no section of the rail has this condition"
+    part = trip.demand
+    if isinstance(part, Profile) and part.over != "speed" and part.at[0] > 0:
+        unit = "s" if part.over == "time" else "m"
+        yield (
+            f"demand.at.0: is {part.at[0]:g} {unit}; the demand there holds from the start on,"
+            f" write 0 {unit} and what is demanded before"
+        )
+    yield from _too_late(trip)
+    yield from _of_nothing(trip, "")
+    yield from _of_other_parts(trip)
+
+
+def _too_late(trip: Trip) -> Iterator[str]:
+    """What begins when the run is over."""
+    vehicle, layer, part = trip.vehicle, trip.rail.contamination, trip.demand
+    for k, section in enumerate(trip.rail.sections):
+        if section.time is not None and section.time >= trip.duration:
+            yield f"rail.sections.{k}: begins at {section.time:g} s, the run ends before"
+    end = part.end if isinstance(part, Constant) else None
+    if end is not None and end[1] == "s" and end[0] >= trip.duration:
+        yield f"demand.until: {part.until} is not before the end of the run, {trip.duration:g} s"
+    times = [(f"sensors.faults.{k}.time", f.time) for k, f in enumerate(trip.sensors.faults)]
+    if isinstance(part, Profile) and part.over == "time":
+        times += [(f"demand.at.{k}", at) for k, at in enumerate(part.at)]
+    if vehicle.track_brake is not None:
+        times.append(("vehicle.track_brake.delay", vehicle.track_brake.delay))
+    if vehicle.dynamic_brake is not None and vehicle.dynamic_brake.lost is not None:
+        times.append(("vehicle.dynamic_brake.lost", vehicle.dynamic_brake.lost))
+    if layer is not None and layer.sand is not None:
+        times.append(("rail.contamination.sand.delay", layer.sand.delay))
+    for where, time in times:
+        if time >= trip.duration:
+            yield f"{where}: {time:g} s is not before the end of the run, {trip.duration:g} s"
+
+
+def _of_nothing(part: Part, where: str) -> Iterator[str]:
+    """Keys of a part and of the parts in it that are for another key, which is not there."""
+    for f in fields(part):  # type: ignore[arg-type]
+        value = getattr(part, f.name)
+        key = f"{where}{key_of(f)}"
+        for other in f.metadata.get("needs", ()):
+            default = f.default if f.default is not MISSING else None
+            if value != default and not getattr(part, other):
+                yield f"{key}: has no effect{_without(part, other)}"
+                break
+        inner = value.items() if isinstance(value, dict) else (
+            enumerate(value) if isinstance(value, tuple) else [("", value)])  # fmt: skip
+        for k, one in inner:
+            if isinstance(one, Part):
+                yield from _of_nothing(one, f"{key}.{k}." if k != "" else f"{key}.")
+
+
+def _without(part: Any, key: str) -> str:
+    """What is missing, in words."""
+    value = getattr(part, key)
+    return f" without {key}" if value is None else f", as {key} = {value:g}"
+
+
+def _of_other_parts(trip: Trip) -> Iterator[str]:
+    """Keys that are for another part, or another kind of it, than the trip has."""
+    vehicle, brake, layer = trip.vehicle, trip.actuator, trip.rail.contamination
+    motors = vehicle.dynamic_brake
+    if motors is not None and not isinstance(brake, Air) and _set(motors, "pause"):
+        yield "vehicle.dynamic_brake.pause: has no effect without the valves of kind = 'air'"
+    if layer is None:
+        for key in ("patch", "patch_half_length"):
+            if _set(vehicle, key):
+                yield f"vehicle.{key}: has no effect without [rail.contamination]"
+    slows = vehicle.mode == "brake" and not trip.rail.falls
+    sand = layer.sand if layer is not None and slows else None
+    if sand is not None and sand.above >= vehicle.speed:
+        yield (
+            f"rail.contamination.sand.above: is {sand.above:g} m/s, the vehicle begins at"
+            f" {vehicle.speed:g} m/s and never sands"
+        )
+    if isinstance(brake, Air):
+        rates = {"fill": brake.fill_rate, "vent": brake.vent_rate}
+        for key, rate in rates.items():
+            if rate is not None and _set(brake, key):
+                yield f"actuator.{key}: has no effect, as {key}_rate is given"
+        for key in ("discharge", "air"):
+            if _set(brake, key) and None not in rates.values():
+                yield f"actuator.{key}: has no effect, as fill_rate and vent_rate are given"
+    for k, fault in enumerate(trip.sensors.faults):
+        if fault.kind != "jumps" and _set(fault, "share"):
+            yield f"sensors.faults.{k}.share: has no effect, as kind = {fault.kind!r}"
+    if not vehicle.cars and vehicle.places is None:
+        for key, more in (("bogie_centres", 2), ("car_length", 4)):
+            if vehicle.axles <= more and _set(vehicle, key):
+                yield f"vehicle.{key}: has no effect, as axles = {vehicle.axles}"
+
+
+def _set(part: Part, key: str) -> bool:
+    """Whether a key has another value than its default."""
+    (f,) = (f for f in fields(part) if f.name == key)  # type: ignore[arg-type]
+    return bool(getattr(part, key) != f.default)
