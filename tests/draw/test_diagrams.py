@@ -207,7 +207,7 @@ def test_nodes_are_moved_to_where_their_wires_run_straight():
 
 @pytest.mark.parametrize("part", range(4))
 def test_a_sheet_has_no_more_room_than_it_needs(part):
-    """The first column is at the left edge, the highest node below the title, a lane at the foot."""
+    """The first column is at the left edge, the first node below the title, lanes at the foot."""
     for lv in LEVELS[part::4]:
         d = Drawing(lv)
         lines = [k for net in lv.nets for k in strokes(d, net)]
