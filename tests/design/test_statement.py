@@ -256,7 +256,7 @@ def test_a_number_of_a_statement_is_rounded_to_its_side(value: str) -> None:
 
 
 class Rolls:
-    """Draws with these values of a metric; None of one that failed. ``kept`` of each set of draws."""
+    """Draws with these values of a metric, None of one that failed; how many are kept."""
 
     def __init__(
         self, values: Sequence[float | None], kept: Mapping[int, int] | None = None
@@ -277,8 +277,10 @@ class Rolls:
         self.asked.append(kind)
         assert [(k, n) for k, n, _ in asked] == [(5, {"k1": 2.0})] * len(asked)
         found = [self.values[k % len(self.values)] for _, _, k in asked]
-        return [None if v is None else {"slip_max": Metric(v, "m/s"), "distance": Metric(9 * v, "m")}
-                for v in found]  # fmt: skip
+        return [
+            None if v is None
+            else {"slip_max": Metric(v, "m/s"), "distance": Metric(9 * v, "m")} for v in found
+        ]  # fmt: skip
 
 
 def search(rolls: Rolls, *limits: Limit) -> Any:
