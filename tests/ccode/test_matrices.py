@@ -65,12 +65,17 @@ SCALARS: Expressions = {
     "norms": lambda A, v, s, w: ca.norm_2(v) + ca.norm_1(w) + ca.norm_inf(A[:, 0]) + ca.norm_fro(A),
     "powers": lambda A, v, s, w: v**2 + ca.fabs(s) ** 1.5 + ca.exp(-(v**2)),
     "gathered": lambda A, v, s, w: ca.cumsum(v) + ca.sqrt(ca.fabs(v)),
-    "straight": lambda A, v, s, w: ca.interpolant("t", "linear", [[-9.0, 0, 9]], [4, 0.0, 2])(s),
     "called": lambda A, v, s, w: _square(v, s),
     "mapped": lambda A, v, s, w: _each.map(4)(A),
     "folded": lambda A, v, s, w: _next.fold(4)(s, v.T),
     "zero": lambda A, v, s, w: 0 * s + ca.MX.zeros(3),
 }
+
+TABLES: Expressions = {
+    "straight": lambda A, v, s, w: ca.interpolant("t", "linear", [[-9.0, 0, 9]], [4, 0.0, 2])(s),
+    "beside": lambda A, v, s, w: A @ v + ca.norm_inf(v),
+}
+"""What is left to CasADi's own text."""
 
 
 def _with(v: Any, k: int, s: Any) -> Any:
@@ -110,7 +115,7 @@ def block_of(expressions: Expressions, name: str) -> Block:
 
 @pytest.mark.parametrize(
     ("expressions", "name"),
-    [(PRODUCTS, "products"), (PIECES, "pieces"), (SCALARS, "scalars")], ids=lambda e: str(e)[:8],
+    [(PRODUCTS, "products"), (PIECES, "pieces"), (SCALARS, "scalars"), (TABLES, "tables")], ids=lambda e: str(e)[:8],
 )  # fmt: skip
 def test_each_operation_has_the_numbers_of_casadi(
     expressions: Expressions, name: str, tmp_path: Path
