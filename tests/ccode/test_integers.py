@@ -136,9 +136,7 @@ def test_every_tick_is_that_of_python(make, truths, counts, modes, tmp_path):
         values = {"u": rng.uniform(-1, 1)}
         for n in block.states:
             last = n.rpartition(".")[2]
-            values[n] = float(
-                rng.integers(2) if last in truths | counts | modes else rng.random()
-            )
+            values[n] = float(rng.integers(2) if last in truths | counts | modes else rng.random())
         states, y = module(**values)
         same, z = block(**values)
         assert {n: float(v) for n, v in same.items()} == states

@@ -115,7 +115,8 @@ def block_of(expressions: Expressions, name: str) -> Block:
 
 @pytest.mark.parametrize(
     ("expressions", "name"),
-    [(PRODUCTS, "products"), (PIECES, "pieces"), (SCALARS, "scalars"), (TABLES, "tables")], ids=lambda e: str(e)[:8],
+    [(PRODUCTS, "products"), (PIECES, "pieces"), (SCALARS, "scalars"), (TABLES, "tables")],
+    ids=["products", "pieces", "scalars", "tables"],
 )  # fmt: skip
 def test_each_operation_has_the_numbers_of_casadi(
     expressions: Expressions, name: str, tmp_path: Path
