@@ -19,8 +19,6 @@ from slipctl.ccode.passes import scratch
 from slipctl.errors import RunFailed
 from slipctl.predict.qp.stage_loops import Repeated, scan
 
-pytestmark = pytest.mark.second
-
 _STAGES = 20
 
 

@@ -6,10 +6,11 @@ import re
 
 import numpy as np
 import pytest
-from casadi import fmax, if_else
+from casadi import fmax, fmin, if_else
 
 from slipctl import Input, Output, State, connect, every, step
-from slipctl.ccode.codegen import export
+from slipctl.ccode.codegen import CModule, export
+from slipctl.ccode.module.plan import Plan
 
 
 @step(
@@ -69,10 +70,9 @@ def follows(mode=Input("enum", "of the other", values=("rest", "run", "stop"))):
 
 @pytest.mark.second
 def test_the_state_of_a_state_machine_is_an_integer_and_bits_stay(tmp_path):
-    wires = {"machine.u": "u", "follows.mode": "machine.mode", "y": "machine.y", "z": "follows.y"}
-    whole = connect("whole", wires, machine=machine, follows=follows)
+    made = whole()
     u = np.random.default_rng(2).uniform(-1, 1, 500)
-    report = export(whole, tmp_path, inputs={"u": u}, check=True, asked=True)
+    report = export(made, tmp_path, inputs={"u": u}, check=True, asked=True)
     assert report.data["passed"]
     assert all(row["absolute"] == 0 for row in report.data["signals"].values())
     text = (tmp_path / "whole.h").read_text(encoding="utf-8")
@@ -80,9 +80,67 @@ def test_the_state_of_a_state_machine_is_an_integer_and_bits_stay(tmp_path):
     module = report.module.compile().load()
     for at in (0.0, 1.0, 2.0):
         states, y = module(**{"machine.at": at, "u": 0.5})
-        same, z = whole(**{"machine.at": at, "u": 0.5})
+        same, z = made(**{"machine.at": at, "u": 0.5})
         assert states["machine.at"] == float(same["machine.at"])
         assert {n: y[n] for n in ("y", "z")} == {n: float(z[n]) for n in ("y", "z")}
+
+
+def whole():
+    """A state machine and what reads its mode."""
+    wires = {"machine.u": "u", "follows.mode": "machine.mode", "y": "machine.y", "z": "follows.y"}
+    return connect("whole", wires, machine=machine, follows=follows)
+
+
+@step(
+    period=0.02, any_of=Output("1", "of two", lo=0, hi=1), all_of=Output("1", "of two", lo=0, hi=1),
+    y=Output("1", "a sum", lo=-9, hi=9),
+)  # fmt: skip
+def flags(
+    a=State("1", 0.0, "first", lo=0, hi=1),
+    b=State("1", 1.0, "second", lo=0, hi=1),
+    c=State("1", 0.0, "third", lo=0, hi=1),
+    u=Input("1", "sample", lo=-1, hi=1),
+):
+    """Truths made of truths: the larger, the smaller, the opposite, and a choice among them."""
+    first, second = if_else(u > 0.2, 1, 0), if_else(u < -0.2, 0, b)
+    both, either = fmin(a, second), fmax(first, c)
+    opposite = if_else(a > 0.5, 0, 1)
+    chosen = if_else(either > 0.5, both, opposite)
+    odd = if_else(b == 0, 3 * u, if_else(c != 1, a, -2))
+    return dict(a=chosen, b=if_else(c >= 1, opposite, second), c=either), dict(
+        any_of=fmax(either, b), all_of=fmin(both, opposite), y=odd + 2 * both
+    )
+
+
+@pytest.mark.parametrize(
+    ("make", "truths", "counts", "modes"),
+    [
+        (pair, {"ruling", "latch_on"}, {"tick"}, set()),
+        (whole, set(), set(), {"at", "machine_mode"}),
+        (lambda: connect("one", {"flags.u": "u", "y": "flags.y"}, flags=flags),
+         {"a", "b", "c", "flags_any_of", "flags_all_of"}, set(), set()),
+    ],
+    ids=["pair", "whole", "flags"],
+)  # fmt: skip
+def test_every_tick_is_that_of_python(make, truths, counts, modes, tmp_path):
+    """From random inputs and states; what may be 0 and 1 alone is a truth, and the rest is none."""
+    block = make()
+    export(block, tmp_path, asked=True)
+    text = (tmp_path / f"{block.name}.h").read_text(encoding="utf-8")
+    assert truths <= _of_kind(text, "bool")
+    assert counts <= _of_kind(text, "unsigned int")
+    assert modes <= _of_kind(text, "int")
+    module = CModule(tmp_path, Plan(block, asked=True)).compile().load()
+    rng = np.random.default_rng(3)
+    for _ in range(60):
+        values = {"u": rng.uniform(-1, 1)}
+        for n in block.states:
+            last = n.rpartition(".")[2]
+            values[n] = float(rng.integers(2) if last in truths | counts | modes else rng.random())
+        states, y = module(**values)
+        same, z = block(**values)
+        assert {n: float(v) for n, v in same.items()} == states
+        assert {n: float(z[n]) for n in y} == y
 
 
 def _of_kind(text: str, kind: str) -> set[str]:

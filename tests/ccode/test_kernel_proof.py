@@ -14,8 +14,6 @@ from slipctl.ccode import codegen
 from slipctl.ccode.check.proof import kernel_proof, module_proof
 from slipctl.ccode.module.plan import Plan
 
-pytestmark = pytest.mark.second
-
 _s, _q = ca.SX.sym("s", 2), ca.SX.sym("q")
 _once = ca.Function("once", [_s, _q], [ca.vertcat(_s[0] + ca.sin(_s[1]) * _q, 0.9 * _s[1])])
 

@@ -13,16 +13,19 @@ from slipctl import BadInput, Input, Output, Param, State, step
 from slipctl.ccode import codegen
 from slipctl.ccode.check.proof import module_proof
 from slipctl.ccode.module.plan import Plan
+from slipctl.errors import RunFailed
 from slipctl.study import resolve
-
-pytestmark = pytest.mark.second
 
 try:
     module_proof.tool()
     HAS_TOOL = True
 except BadInput:
     HAS_TOOL = False
-needs_tool = pytest.mark.skipif(not HAS_TOOL, reason="no frama-c here")
+
+
+def needs_tool(test):
+    """Frama-C takes seconds; what is handed to it does not."""
+    return pytest.mark.second(pytest.mark.skipif(not HAS_TOOL, reason="no frama-c here")(test))
 
 
 @step(
@@ -184,3 +187,146 @@ def test_without_frama_c(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     with pytest.raises(BadInput, match=r"--prove needs frama-c; install it .*frama-c-base"):
         codegen.export(sums, tmp_path / "out", prove=True)
     assert not (tmp_path / "out").exists()
+
+
+def _row(file: str, line: int, status: str = "Valid", kind: str = "user check", said: str = ""):
+    return {"file": file, "line": str(line), "function": "main", "property kind": kind,
+            "property": said or "x <= 1", "status": status}  # fmt: skip
+
+
+@pytest.fixture
+def eva(monkeypatch: pytest.MonkeyPatch):
+    """Frama-C in whose place one says what it found: a list of rows for each time it runs."""
+    found: list[list[dict[str, str]] | None] = []
+    asked: list[tuple[dict[str, str], list[str]]] = []
+
+    def analysed(folder: Path, command: list[str], seconds: int):
+        asked.append(({f.name: f.read_text() for f in folder.iterdir()}, list(command)))
+        return found[len(asked) - 1], 1.5
+
+    monkeypatch.setattr(module_proof, "tool", lambda: "true")
+    monkeypatch.setattr(module_proof, "_analysed", analysed)
+    return found, asked
+
+
+def _lines(plan: Plan) -> dict[str, int]:
+    """Line of the harness in which each range is claimed."""
+    text = module_proof.harness(plan).splitlines()
+    return {m[1]: k for k, line in enumerate(text, 1) if (m := re.search(r"check (\w+):", line))}
+
+
+def test_a_range_is_proven_where_its_line_is_valid(eva) -> None:
+    """One that is open, unknown or not told at all is none, and then nothing has passed."""
+    found, asked = eva
+    plan = Plan(sums)
+    made, at = codegen.texts(plan), _lines(plan)
+    all_ = [_row("harness.c", k) for k in at.values()]
+    found += [all_, []]
+    said = module_proof.run_eva(plan, made)
+    assert said["passed"]
+    assert said["ranges"] == {"proven": 4, "of": 4, "open": [], "without": []}
+    assert (said["seconds"], said["non_finite"]) == (1.5, 0)
+    assert said["functions"] == {"ended": 0, "of": 0}
+    files, command = asked[0]
+    assert set(files) == {"harness.c", *plan.files}
+    assert files["sums.c"] == module_proof.written_out(made["sums.c"])
+    assert command[1:3] == ["harness.c", "sums.c"]
+    assert command[-2:] == ["-warn-special-float", "none"]
+    assert asked[1][1][-2:] == ["-warn-special-float", "non-finite"]
+    for k, line in at.items():
+        unknown = [_row("harness.c", n, "Unknown" if n == line else "Valid") for n in at.values()]
+        for rows in ([r for r in all_ if r["line"] != str(line)], unknown):
+            asked.clear()
+            found[:] = [rows, []]
+            said = module_proof.run_eva(plan, made)
+            assert not said["passed"]
+            assert said["ranges"]["open"] == [k.replace("_", ".", 1)]
+            assert said["ranges"]["proven"] == 3
+            assert "3 of 4 ranges proven" in module_proof.summary(said)
+            assert module_proof.summary(said).endswith("NOT PROVEN")
+
+
+@pytest.mark.parametrize("status", ["Valid", "Considered valid", "Dead code", "Unknown", "Invalid"])
+def test_an_alarm_is_what_is_open_in_the_module_itself(eva, status: str) -> None:
+    """Not in the harness, which reads any number, nor in what is told of other files."""
+    found, _ = eva
+    plan = Plan(sums)
+    good = [_row("harness.c", k) for k in _lines(plan).values()]
+    here = _row("sums.c", 7, status, "index_bound", "k < 3")
+    found += [[*good, here, _row("harness.c", 1, "Unknown"), _row("math.h", 3, "Unknown")], [here]]
+    said = module_proof.run_eva(plan, codegen.texts(plan))
+    alarm = {"file": "sums.c", "line": 7, "function": "main", "kind": "index_bound",
+             "condition": "k < 3"}  # fmt: skip
+    open_ = status in ("Unknown", "Invalid")
+    assert said["alarms"] == [alarm] * open_
+    assert said["non_finite"] == open_
+    assert said["passed"] is not open_
+    assert f"{int(open_)} alarms, 4 of 4" in module_proof.summary(said)
+
+
+def test_where_there_is_no_end_the_guards_are_asked_and_nothing_has_passed(eva) -> None:
+    found, asked = eva
+    plan = Plan(sums)
+    good = [_row("harness.c", k) for k in _lines(plan).values()]
+    found += [None, good]
+    said = module_proof.run_eva(plan, codegen.texts(plan), seconds=9)
+    assert (said["ended"], said["of_guards"], said["passed"]) == (False, True, False)
+    assert (said["seconds"], said["limit_seconds"], said["non_finite"]) == (1.5, 9, None)
+    assert module_proof.summary(said) == (
+        "Frama-C: no end in 9 s, nothing is proven of the equations; of the guards, whatever the"
+        " equations give: 0 alarms, 4 of 4 ranges proven"
+    )
+    body = asked[1][0]["sums.c"].split("void equations(")[1].split("\n}")[0]
+    for member in ("next->x = unknown", "next->kept[k] = unknown", "now->y = unknown",
+                   "now->z[k] = unknown", "(void)in;"):  # fmt: skip
+        assert member in body
+    assert "static volatile double unknown;" in asked[1][0]["sums.c"]
+    asked.clear()
+    found[:] = [None, None]
+    said = module_proof.run_eva(plan, codegen.texts(plan))
+    assert (said["of_guards"], said["passed"]) == (False, False)
+    assert module_proof.summary(said).endswith("nothing is proven of the equations")
+    assert len(asked) == 2
+
+
+def test_of_arrays_as_many_cases_are_kept_apart_as_they_have_numbers() -> None:
+    plan = Plan(sums)
+    text = codegen.texts(plan)["sums.c"]
+
+    def apart(options: list[str]) -> dict[str, int]:
+        pairs = options[options.index("-eva-slevel-function") + 1].split(",")
+        return {n: int(k) for n, _, k in (p.partition(":") for p in pairs)}
+
+    known = apart(module_proof._options(plan, text))
+    assert all(re.search(rf"\b{name}\(", text) for name in known)
+    assert (known["within"], known["accept"], known["sums_step"]) == (8, 16, 64)
+    assert apart(module_proof._options(plan, text, of_input=64))["accept"] == 64
+    wide = text + "static void all_within(void) {}\n    for (int k = 0; k < 40; ++k) { }\n"
+    assert apart(module_proof._options(plan, wide))["all_within"] == 4 * 40 + 16
+    endless = wide + "    for (int k = 0; k < 9000; ++k) { }\n"
+    assert apart(module_proof._options(plan, endless))["all_within"] == 4 * 40 + 16
+    options = module_proof._options(plan, text)
+    assert options[options.index("-eva-auto-loop-unroll") + 1] == "128"
+    split = options[options.index("-eva-split-return-function") + 1]
+    assert {k.partition(":")[0] for k in split.split(",")} <= set(known)
+
+
+def test_what_eva_says_is_read_and_a_failure_is_told(tmp_path: Path) -> None:
+    """A tool that ends with an error, one that writes nothing, and one that runs out of time."""
+
+    def tool(text: str) -> list[str]:
+        (tmp_path / "eva").write_text(f"#!/bin/sh\n{text}\n", encoding="utf-8")
+        (tmp_path / "eva").chmod(0o755)
+        return [str(tmp_path / "eva"), "harness.c"]
+
+    rows, used = module_proof._analysed(
+        tmp_path, tool("printf 'file\\tline\\nsums.c\\t3\\n' > told.csv"), 60
+    )
+    assert rows == [{"file": "sums.c", "line": "3"}]
+    assert 0 <= used < 60
+    for text, said in (("echo 'no'; echo '[kernel] User Error: bad token'; exit 1", "bad token"),
+                       ("echo lost >&2; exit 3", "lost"), ("true", "frama-c fails")):  # fmt: skip
+        with pytest.raises(RunFailed, match=said):
+            module_proof._analysed(tmp_path, tool(text), 60)
+    assert module_proof._analysed(tmp_path, tool("kill -9 $$"), 60)[0] is None
+    assert module_proof._analysed(tmp_path, tool("true"), 0)[0] is None

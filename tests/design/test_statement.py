@@ -6,11 +6,15 @@ import copy
 import json
 import math
 import re
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from test_tune import tuned
 
 from slipctl import RunFailed
@@ -20,7 +24,9 @@ from slipctl.commands.certificates import check
 from slipctl.commands.cli import main
 from slipctl.design import page, statement
 from slipctl.design.gain_search import FIRST_PROOF
+from slipctl.design.goals import Limit, read_objective
 from slipctl.errors import BadInput
+from slipctl.run.metrics import Metric
 from slipctl.run.sweep.ensemble import Ensemble
 
 
@@ -244,3 +250,168 @@ def test_a_number_of_a_statement_is_rounded_to_its_side(value: str) -> None:
     assert high - low <= exact / 10**5
     assert statement.level(4) == statement.BETA / 4
     assert statement.error_chance(3) == statement.BETA * Fraction(11, 6)
+
+
+# ---- of draws that are made up -------------------------------------------------------------------
+
+
+class Rolls:
+    """Draws with these values of a metric, None of one that failed; how many are kept."""
+
+    def __init__(
+        self, values: Sequence[float | None], kept: Mapping[int, int] | None = None
+    ) -> None:
+        self.values, self.kept, self.asked = values, dict(kept or {}), list[int]()
+        self.world = SimpleNamespace(
+            ensemble=Ensemble({"plant.m": "6t:9t"}), seed=7,
+            scenario=SimpleNamespace(name="base"),
+        )  # fmt: skip
+
+    def count(self, kind: int) -> int:
+        return self.kept.get(kind, 0)
+
+    def begin(self, text: str, many: int) -> None:
+        pass
+
+    def all(self, kind: int, asked: Sequence[Any]) -> list[Any]:
+        self.asked.append(kind)
+        assert [(k, n) for k, n, _ in asked] == [(5, {"k1": 2.0})] * len(asked)
+        found = [self.values[k % len(self.values)] for _, _, k in asked]
+        return [
+            None if v is None
+            else {"slip_max": Metric(v, "m/s"), "distance": Metric(9 * v, "m")} for v in found
+        ]  # fmt: skip
+
+
+def search(rolls: Rolls, *limits: Limit) -> Any:
+    return SimpleNamespace(
+        rolls=rolls, objective=read_objective("distance"), limits=limits,
+        best=SimpleNamespace(number=5, numbers={"k1": 2.0}),
+    )  # fmt: skip
+
+
+def made(values: Sequence[float | None], *limits: Limit) -> dict[str, Any]:
+    return {**statement.prove(search(Rolls(values), *limits)), "set": [], "swapped": []}
+
+
+UPPER = Limit("slip_max<=3m/s", "slip_max", True, 3.0, "m/s")
+LOWER = Limit("slip_max@0.25>=2m/s", "slip_max", False, 2.0, "m/s", 0.25)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.one_of(st.floats(0.5, 6), st.just(3.0), st.none()), min_size=4, max_size=4))
+def test_a_claim_counts_the_draws_beyond_its_limit(values: list[float | None]) -> None:
+    """On the limit is kept; a run that failed keeps none, and has no value of the objective."""
+    found = made(values, UPPER, LOWER)
+    first, upper, lower = statement.check(found)
+    lost = sum(v is None for v in values)
+    assert upper.violations == lost + sum(v is not None and v > 3 for v in values)
+    assert lower.violations == lost + sum(v is not None and v < 2 for v in values)
+    assert (first.violations, first.draws) == (lost, 4)
+    assert (upper.wanted, lower.wanted) == (Fraction(1, 2), Fraction(1, 4))
+    for c in (first, upper, lower):
+        assert c.share == 1 - binomial.largest_share(4, c.violations, Fraction(1, 10))
+        assert c.reached == (c.share >= c.wanted)
+    assert upper.text == "slip_max <= 3 m/s"
+    assert lower.text == "slip_max >= 2 m/s"
+    if lost:
+        assert first.text == "distance has a value"
+    else:
+        most = float(first.text.removeprefix("distance <= ").removesuffix(" m"))
+        largest = 9 * max(v for v in values if v is not None)
+        assert largest <= most < 1.0001 * largest + 1e-3
+    said = statement.lines(found)
+    assert len(said) == 3
+    for line, c in zip(said, (first, upper, lower), strict=True):
+        assert line.startswith(f"{c.text} in at least ")
+        assert f"{c.violations} of 4 fresh draws are beyond" in line
+        assert ("were wanted" in line) == (not c.reached)
+        assert line.endswith("seed 7, attempt 1)")
+        told = Fraction(line.partition("in at least ")[2].partition(" %")[0])
+        assert 0 <= 100 * c.share - told < Fraction(1, 100)
+
+
+def test_what_falls_short_is_followed_by_draws_of_its_own() -> None:
+    """What is there already and reached its share is taken again; what did not has another one."""
+    good, bad = Rolls([1.0], {FIRST_PROOF: 4}), Rolls([5.0], {FIRST_PROOF: 4, FIRST_PROOF + 1: 5})
+    assert statement.prove(search(good, UPPER))["attempt"] == 1
+    assert good.asked == [FIRST_PROOF]
+    found = statement.prove(search(bad, UPPER))
+    assert (found["attempt"], found["draws"]) == (3, 5)
+    assert bad.asked == [FIRST_PROOF, FIRST_PROOF + 1, FIRST_PROOF + 2]
+    begun = Rolls([5.0], {FIRST_PROOF: 3})  # it was stopped before its last draw
+    assert statement.prove(search(begun, UPPER))["attempt"] == 1
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("claims", 0, "violations"), 0), (("claims", 0, "violations"), 2),
+        (("claims", 0, "share"), "99/100"), (("claims", 0, "share"), "2"),
+        (("claims", 0, "share"), "-1/2"), (("claims", 0, "values", 1), (9.0).hex()),
+        (("claims", 0, "upper"), False), (("claims", 0, "limit"), (0.1).hex()),
+        (("ensemble", "draw", "plant.m"), "6t:7t"), (("hash",), "0"), (("attempt",), 9),
+    ],
+)  # fmt: skip
+def test_what_its_draws_do_not_show_does_not_hold(path: Sequence[Any], value: Any) -> None:
+    found = made([1.0, 2.0, 5.0, 2.5], UPPER)
+    statement.check(found)
+    with pytest.raises(DoesNotHold):
+        statement.check(_with(found, path, value))
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("draws",), 3), (("draws",), True), (("draws",), 0), (("attempt",), 0), (("seed",), -1),
+        (("attempt",), 1001), (("values", 0), "nan"), (("values", 0), 1.5), (("values", 0), "x"),
+        (("values", 0), "0x1p99999"), (("values", 0), "0" * 41), (("values",), []),
+        (("ensemble",), {}), (("ensemble",), 3), (("more",), 1), (("claims", 0, "limit"), []),
+        (("claims", 0, "values"), []), (("claims", 0, "wanted"), 0.5), (("claims",), 3),
+        (("claims", 0, "violations"), 5), (("claims", 0, "more"), 5),
+    ],
+)  # fmt: skip
+def test_what_is_no_statement_is_refused(path: Sequence[Any], value: Any) -> None:
+    with pytest.raises(BadInput):
+        statement.check(_with(made([1.0, 2.0, 5.0, 2.5], UPPER), path, value))
+
+
+def _with(found: dict[str, Any], path: Sequence[Any], value: Any) -> dict[str, Any]:
+    """The same with another entry."""
+    other = copy.deepcopy(found)
+    inner: Any = other
+    for key in path[:-1]:
+        inner = inner[key]
+    inner[path[-1]] = value
+    return other
+
+
+def test_draws_that_are_run_again_hang_on_the_whole_file() -> None:
+    """Nobody knows them before; as many as asked, each once, and all where there are no more."""
+    one = statement.repeated_draws({"a": 1}, 5, 100)
+    assert one == sorted(set(one)) == statement.repeated_draws({"a": 1}, 5, 100)
+    assert len(one) == 5
+    assert set(one) <= set(range(100))
+    assert one != statement.repeated_draws({"a": 2}, 5, 100)
+    assert statement.repeated_draws({"a": 1}, 500, 9) == list(range(9))
+
+
+@pytest.mark.parametrize(
+    ("payload", "said"),
+    [
+        ({}, "holds no statement of draws; slipctl tune ... --prove writes one"),
+        ({"statistical": {"set": 3}, "loop": "subway_braking:sta@base"}, "set must be a list"),
+        ({"statistical": {"swapped": [3]}, "loop": "subway_braking:sta@base"}, "swapped must be"),
+        ({"statistical": {}, "loop": "subway_braking"}, "it must be STUDY:LOOP@SCENARIO"),
+        ({"statistical": {}, "loop": "subway_braking:sta"}, "it must be STUDY:LOOP@SCENARIO"),
+        ({"statistical": {}, "loop": "subway_braking:sta@base", "gains": {"k1": 3}}, "no numbers"),
+        ({"statistical": {}, "loop": "subway_braking:sta@base"}, "are no numbers by name"),
+    ],
+)  # fmt: skip
+def test_a_file_whose_draws_cannot_run_again_says_why(
+    payload: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "certificate.json"
+    file.write_text(json.dumps(payload))
+    with pytest.raises(BadInput, match=said):
+        check.rerun(str(file), 2)

@@ -17,8 +17,6 @@ from slipctl.study.report.texts import number
 
 BOTH = ["slip_error_rms", "torque_ripple"]
 
-pytestmark = pytest.mark.second
-
 
 @pytest.fixture(scope="module")
 def one() -> Tuned:
@@ -28,6 +26,11 @@ def one() -> Tuned:
 @pytest.fixture(scope="module")
 def two() -> Tuned:
     return tuned(objective=BOTH, runs=24)
+
+
+@pytest.fixture(params=["one", "two"])
+def found(request: pytest.FixtureRequest) -> Tuned:
+    return request.getfixturevalue(request.param)
 
 
 def cells(rows: list[list[str]], first: str) -> list[str]:
@@ -45,18 +48,20 @@ def drawn(found: Tuned, begins: str) -> list[Any]:
     return fig.get_axes()
 
 
-def test_the_judgement_is_that_of_its_values(one: Tuned, two: Tuned) -> None:
-    for found in (one, two):
-        rows = page.judged_rows(found)
-        for goal, its in zip(found.search.objectives, found.judged.each, strict=True):
-            unit = next(r[0] for r in rows if r[0].startswith(f"mean {goal.text}"))[5:]
-            for what, of in (("least", min), ("largest", max), ("mean", np.mean),
-                             ("median", np.median)):  # fmt: skip
-                both = [of(s.values) for s in (its.by_hand, its.tuned)]
-                assert cells(rows, f"{what} {unit}") == [number(float(v), 6) for v in both]
-            gap = np.subtract(its.tuned.values, its.by_hand.values)
-            assert its.difference == pytest.approx(gap.mean())
-            assert its.error == pytest.approx(gap.std(ddof=1) / math.sqrt(gap.size))
+def test_the_judgement_is_that_of_its_values(found: Tuned) -> None:
+    rows = page.judged_rows(found)
+    for goal, its in zip(found.search.objectives, found.judged.each, strict=True):
+        unit = next(r[0] for r in rows if r[0].startswith(f"mean {goal.text}"))[5:]
+        for what, of in (("least", min), ("largest", max), ("mean", np.mean),
+                         ("median", np.median)):  # fmt: skip
+            both = [of(s.values) for s in (its.by_hand, its.tuned)]
+            assert cells(rows, f"{what} {unit}") == [number(float(v), 6) for v in both]
+        gap = np.subtract(its.tuned.values, its.by_hand.values)
+        assert its.difference == pytest.approx(gap.mean())
+        assert its.error == pytest.approx(gap.std(ddof=1) / math.sqrt(gap.size))
+
+
+def test_draws_that_keep_a_limit_are_counted(one: Tuned) -> None:
     kept = [sum(v <= 9 for v in s.values)
             for s in (one.judged.by_hand, one.judged.tuned)]  # fmt: skip
     limit = one.search.limits[0]
@@ -64,30 +69,29 @@ def test_the_judgement_is_that_of_its_values(one: Tuned, two: Tuned) -> None:
     assert limit.text in page.text(one)
 
 
-def test_the_differences_are_told_for_each_objective(one: Tuned, two: Tuned) -> None:
-    assert len(page.differences(two)) == 2
-    for found in (one, two):
-        for line, its in zip(page.differences(found), found.judged.each, strict=True):
-            mean, error = (float(x) for x in re.findall(r"(\S+) \+- (\S+).* \(standard", line)[0])
-            assert mean == pytest.approx(its.difference, rel=1e-3)
-            assert error == pytest.approx(its.error, rel=0.06)
-            assert ("more than" in line) == (abs(its.difference) > 2 * its.error)
+def test_the_differences_are_told_for_each_objective(found: Tuned) -> None:
+    assert len(page.differences(found)) == len(found.search.objectives)
+    for line, its in zip(page.differences(found), found.judged.each, strict=True):
+        mean, error = (float(x) for x in re.findall(r"(\S+) \+- (\S+).* \(standard", line)[0])
+        assert mean == pytest.approx(its.difference, rel=1e-3)
+        assert error == pytest.approx(its.error, rel=0.06)
+        assert ("more than" in line) == (abs(its.difference) > 2 * its.error)
 
 
-def test_the_gains_are_those_found(one: Tuned, two: Tuned) -> None:
-    for found in (one, two):
-        rows = page.gains_rows(found)
-        assert len(rows[0]) == 5 + 2 * len(found.search.objectives)
-        for f in found.frees:
-            row = cells(rows, f.name)
-            assert row[:4] == [f.unit, f"{number(f.lo)} .. {number(f.hi)}", number(f.now),
-                               number(found.gains[f.name], 6)]  # fmt: skip
-            for k, goal in enumerate(found.search.objectives):
-                s = next(
-                    s for s in found.slices if (s.objective, s.free.name) == (goal.text, f.name)
-                )
-                assert row[4 + 2 * k] == f"{number(s.lo)} .. {number(s.hi)}"
-                assert s.lo <= found.gains[f.name] <= s.hi
+def test_the_gains_are_those_found(found: Tuned) -> None:
+    rows = page.gains_rows(found)
+    assert len(rows[0]) == 5 + 2 * len(found.search.objectives)
+    for f in found.frees:
+        row = cells(rows, f.name)
+        assert row[:4] == [f.unit, f"{number(f.lo)} .. {number(f.hi)}", number(f.now),
+                           number(found.gains[f.name], 6)]  # fmt: skip
+        for k, goal in enumerate(found.search.objectives):
+            s = next(s for s in found.slices if (s.objective, s.free.name) == (goal.text, f.name))
+            assert row[4 + 2 * k] == f"{number(s.lo)} .. {number(s.hi)}"
+            assert s.lo <= found.gains[f.name] <= s.hi
+
+
+def test_the_margins_are_those_found(one: Tuned) -> None:
     row = page.promise_rows(one)[1]
     margins = one.margins["sta"]
     assert row[3:] == [number(margins[1], 3), number(margins[0], 3)]
@@ -153,23 +157,25 @@ def test_the_draws_are_drawn_beside_their_limit(one: Tuned) -> None:
         assert x == pytest.approx((np.arange(gap.size) + 0.5) / gap.size * 100)
 
 
-def test_the_page_says_how_it_was_searched(one: Tuned, two: Tuned) -> None:
-    for found in (one, two):
-        text = unescape(re.sub(r"<svg.*?</svg>|<img[^>]*>", "", page.page(found, "THE COMMAND"),
-                               flags=re.DOTALL))  # fmt: skip
-        search, world = found.search, found.search.rolls.world
-        said = [f"Gains of {found.name}", "THE COMMAND", f"Scenario {world.scenario.name}",
-                f"{search.thought} candidates", f"{search.spent} runs on {search.samples} draws",
-                f"seed {search.seed}", world.ensemble.hash[:16], *(a.name for a in world.axes),
-                "peak times 0.8 .. 1.2", page.goals(found), *page.differences(found)]  # fmt: skip
-        assert [k for k in said if k not in text] == []
-        heads = re.findall(r"<h2>(.*?)</h2>", text)
-        assert heads == [*["Front"] * bool(found.front), "Gains", "Held-out draws",
-                         *["Certificates"] * bool(found.promises.gains), "Pictures",
-                         "Search"]  # fmt: skip
-        pictures = page.pictures(found)
-        assert len(pictures) == (3 if found is one else 5)
-        assert all(c in text for c in pictures)
+def test_the_page_says_how_it_was_searched(found: Tuned) -> None:
+    text = unescape(re.sub(r"<svg.*?</svg>|<img[^>]*>", "", page.page(found, "THE COMMAND"),
+                           flags=re.DOTALL))  # fmt: skip
+    search, world = found.search, found.search.rolls.world
+    said = [f"Gains of {found.name}", "THE COMMAND", f"Scenario {world.scenario.name}",
+            f"{search.thought} candidates", f"{search.spent} runs on {search.samples} draws",
+            f"seed {search.seed}", world.ensemble.hash[:16], *(a.name for a in world.axes),
+            "peak times 0.8 .. 1.2", page.goals(found), *page.differences(found)]  # fmt: skip
+    assert [k for k in said if k not in text] == []
+    heads = re.findall(r"<h2>(.*?)</h2>", text)
+    assert heads == [*["Front"] * bool(found.front), "Gains", "Held-out draws",
+                     *["Certificates"] * bool(found.promises.gains), "Pictures",
+                     "Search"]  # fmt: skip
+    pictures = page.pictures(found)
+    assert len(pictures) == (5 if found.front else 3)
+    assert all(c in text for c in pictures)
+
+
+def test_the_terminal_says_it_too(one: Tuned, two: Tuned) -> None:
     shown = page.text(one)
     assert str(one.search.spent) in shown
     assert page.KNEE in page.text(two)

@@ -1,9 +1,7 @@
 """Showing blocks: formulas that mean what was computed, tables, differences, drawings."""
 
 import functools
-import itertools
 import math
-import random
 import re
 from xml.etree import ElementTree
 
@@ -31,8 +29,6 @@ from slipctl.block import smooth
 from slipctl.block.text import formula
 from slipctl.block.text.plain_text import Text, cut
 from slipctl.draw import show
-from slipctl.draw.diagrams.diagram_svg import Drawing
-from slipctl.draw.diagrams.levels import Level, Node, level
 from slipctl.draw.typeset import Latex, letter
 
 
@@ -492,89 +488,3 @@ def test_svg_names_boxes_and_wires_with_units():
     assert "jitter" not in texts  # fed by the scenario, not by a wire
     assert show.svg(loop()) == show.svg(loop())
     assert 'viewBox="0 0' in show.svg(wheelset)
-
-
-def random_level(seed):
-    choose = random.Random(seed)
-    names = [f"b{i}" for i in range(choose.randint(1, 8))]
-    nodes, nets, units = {k: Node(k, k) for k in names}, {}, {}
-
-    def targets(most):
-        ends = []
-        for _ in range(choose.randint(1, most)):
-            t = choose.choice(names)
-            nodes[t].ins.append(f"u{len(nodes[t].ins)}")
-            ends.append((t, nodes[t].ins[-1]))
-        return ends
-
-    for k in names:
-        for j in range(choose.randint(0, 3)):
-            nodes[k].outs.append(f"y{j}")
-            nets[k, f"y{j}"], units[k, f"y{j}"] = targets(3), "m/s"
-            if choose.random() < 0.2:
-                end = f"{k}y{j}"
-                nodes[f"< {end}"] = Node(f"< {end}", end, ins=[end], box=False)
-                nets[k, f"y{j}"].append((f"< {end}", end))
-    for j in range(choose.randint(0, 4)):
-        key = f"> w{j}"
-        nodes[key] = Node(key, f"w{j}", outs=[f"w{j}"], box=False)
-        nets[key, f"w{j}"], units[key, f"w{j}"] = targets(2), "N m"
-    return Level("x", nodes, nets, units)
-
-
-def strokes(drawing, net):
-    path = re.search(r'd="([^"]*)" fill="none"', " ".join(drawing._wire(net)))[1]
-    numbers = re.findall(r"M([-\d.]+) ([-\d.]+)L([-\d.]+) ([-\d.]+)", path)
-    return [tuple(map(float, n)) for n in numbers]
-
-
-def overlap(a, b, level, along):
-    """Length on which two lines along one axis lie upon each other."""
-    if max(abs(s[level] - s[level + 2]) for s in (a, b)) > 0.2 or abs(a[level] - b[level]) > 1.5:
-        return 0.0
-    low = max(min(s[along], s[along + 2]) for s in (a, b))
-    high = min(max(s[along], s[along + 2]) for s in (a, b))
-    return high - low
-
-
-LEVELS = [random_level(seed) for seed in range(120)]
-
-
-@pytest.mark.parametrize("part", range(4))
-def test_drawings_have_no_wire_upon_another_and_none_through_a_box(part):
-    for lv in [*LEVELS[part::4], level(loop())]:
-        d = Drawing(lv)
-        wires = {net: strokes(d, net) for net in lv.nets}
-        for (_, one_), (_, two) in itertools.combinations(wires.items(), 2):
-            for a, b in itertools.product(one_, two):
-                assert overlap(a, b, 1, 0) <= 1.0
-                assert overlap(a, b, 0, 1) <= 1.0
-        boxes = [(p.x, p.y, p.x + p.width, p.y + p.height) for p in d.places.values()]
-        for a, b in itertools.combinations(boxes, 2):
-            apart = (
-                a[2] <= b[0] + 0.1 or b[2] <= a[0] + 0.1 or a[3] <= b[1] + 0.1 or b[3] <= a[1] + 0.1
-            )
-            assert apart
-        for x0, y0, x1, y1 in itertools.chain(*wires.values()):
-            for left, top, right, bottom in boxes:
-                beside = max(x0, x1) <= left + 1 or min(x0, x1) >= right - 1
-                assert beside or max(y0, y1) <= top + 1 or min(y0, y1) >= bottom - 1
-            assert min(x0, x1) >= 0
-            assert max(x0, x1) <= d.width
-            assert max(y0, y1) <= d.height
-
-
-@pytest.mark.parametrize("part", range(4))
-def test_every_wire_end_has_its_arrow(part):
-    for lv in LEVELS[part::4]:
-        d = Drawing(lv)
-        for net, ends in lv.nets.items():
-            tips = {
-                (float(a), float(b))
-                for a, b in re.findall(r'd="M([-\d.]+) ([-\d.]+)l-8', " ".join(d._wire(net)))
-            }
-            wanted = set()
-            for end in ends:
-                place = d.places[end[0]]
-                wanted.add((round(place.x, 1), round(place.port_y(end, False), 1)))
-            assert tips == wanted

@@ -125,6 +125,7 @@ class CModule:
         Raises:
             BadInput: unknown or derived parameter, value off range or NaN, module not loaded.
         """
+        self._need_load()
         self._call("default", self._param)
         values = self.block.param_values(**params) if params else {}
         at = 0
@@ -192,6 +193,7 @@ class CModule:
         With ``beside`` another instance, in the same state at first, makes a step with a row of
         these before each step.
         """
+        self._need_load()
         lay, ticks = self._plan.layout, len(rows)
         width = max(_size(lay.inputs), 1)
         given, others = (np.zeros((ticks, width), self._kind) for _ in range(2))
@@ -200,7 +202,6 @@ class CModule:
         out = np.zeros((ticks, max(_size(lay.outputs), 1)), self._kind)
         states = np.zeros((ticks, max(_size(lay.states), 1)), self._kind)
         status = np.zeros(ticks, dtype=np.intc)
-        self._need_load()
         arrays = (given, self._param, self._state, out, states, status)
         pointers = [a.ctypes.data_as(_VOID) for a in arrays]
         second: list[Any] = [None, None]
@@ -221,6 +222,7 @@ class CModule:
             known = {**self.block.states, **self.block.inputs, **self.block.params}
             if n not in known:
                 raise BadInput(f"{self.block.name} has no signal {n!r}{nearest(n, known)}")
+        self._need_load()
         before = self._param.copy(), self._state.copy()
         try:
             self.reset(**{k: v for k, v in numbers.items() if k in self.block.params})
@@ -236,6 +238,7 @@ class CModule:
             self._param, self._state = before
 
     def _row(self, inputs: Mapping[str, Any]) -> np.ndarray:
+        self._need_load()
         row = np.zeros(self._in.size)
         for n in inputs:
             if n not in self.block.inputs:

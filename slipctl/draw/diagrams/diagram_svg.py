@@ -132,8 +132,8 @@ class Drawing:
         return (SLOT - END, 14.0, GAP)[boxes]
 
     def _links(self) -> list[_Link]:
-        """Pieces of wires with the stream, each across one channel."""
-        out = []
+        """Pieces of wires with the stream, each across one channel and once."""
+        out: dict[_Link, None] = {}
         for net, ends in self.lv.nets.items():
             source = self.places[net[0]]
             for end in ends:
@@ -143,10 +143,10 @@ class Drawing:
                 before, port = source, net
                 for c in range(source.column + 1, target.column):
                     here = self.passing[net, c]
-                    out.append((before, port, here, net))
+                    out[before, port, here, net] = None
                     before, port = here, net
-                out.append((before, port, target, end))
-        return out
+                out[before, port, target, end] = None
+        return list(out)
 
     def _sort(self) -> None:
         """Order each column by the middle of what its nodes are wired to."""
