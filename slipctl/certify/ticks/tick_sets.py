@@ -245,7 +245,11 @@ class Loop:
 
     def _find_tube(self, n: Numbers) -> Entries | None:
         ticks = self.ticks(n, 10**9)
-        return self._searched(n, lambda *loop: find_tube(*loop, ticks), self._check_tube)
+
+        def find(loop: SampledLoop, cell: Cell, bounds: Bounds) -> Any:
+            return find_tube(loop, cell, bounds, ticks)
+
+        return self._searched(n, find, self._check_tube)
 
     def _check_tube(self, n: Numbers, given: Entries) -> None:
         sampled, _, bounds = self.sampled(n)
