@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 from slipctl.certify import proofs
 from slipctl.certify.arithmetic.interval_arrays import Boxes
 from slipctl.certify.arithmetic.whole_boxes import BITS, WholeBoxes, exponential
+from slipctl.certify.cells.mode_cells import _counted, _cover, _totals, places_in_ranges
 from slipctl.certify.cells.mode_images import ModeTick
 from slipctl.certify.entries import DoesNotHold
 from slipctl.certify.promise import CERTIFIED, INPUT, REFUTED, TARGET, Number, System
-from slipctl.certify.ticks.tick_sets import Stay, SwitchedLoop, exp, if_else
+from slipctl.certify.ticks.tick_sets import Loop, Stay, SwitchedLoop, exp, if_else
 from slipctl.certify.ticks.tick_source import code_of_tick
 from slipctl.errors import BadInput
 from slipctl.models.vehicle.certificate.tick_coordinates import chosen_coordinates, with_coordinates
@@ -283,3 +284,57 @@ def test_coordinates_that_a_tick_compares_change_nothing():
         assert t_next == pytest.approx(s_next)
         s = s_next
         assert y == pytest.approx(float(sums["f"]["s"]) * s + float(sums["f"]["f"]) * f)
+
+
+# ---- cells of ranges ---------------------------------------------------------------------------
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.data())
+def test_cells_of_ranges_are_those_that_plain_loops_mark(data):
+    """Few ranges are listed, many are summed up from their corners; counts are those of a grid."""
+    count = tuple(data.draw(st.lists(st.integers(1, 6), min_size=1, max_size=3)))
+    many = data.draw(st.integers(1, 5))
+    ends = [[sorted(data.draw(st.integers(0, c - 1)) for _ in range(2)) for c in count]
+            for _ in range(many)]  # fmt: skip
+    low, high = np.moveaxis(np.array(ends), 2, 0)
+    grid = np.zeros(count, int)
+    for row in ends:
+        grid[tuple(slice(a, b + 1) for a, b in row)] += 1
+    marked = np.flatnonzero(grid)
+    assert np.array_equal(np.unique(places_in_ranges(low, high, count)), marked)
+    assert np.array_equal(_cover(low, high, count), grid.reshape(-1))
+    held = grid.reshape(-1) > 1
+    wanted = [held.reshape(count)[tuple(slice(a, b + 1) for a, b in row)].sum() for row in ends]
+    assert np.array_equal(_counted(_totals(held, count), low, high), wanted)
+
+
+def test_cells_end_at_what_is_asked():
+    """A start that fills its bound, and a tick that moves nothing: no cell beyond has to stay."""
+
+    def still(n, x, d):
+        return {"e": x["e"]}
+
+    numbers = {"e0": Number("1", "start"), "band": Number("1", "wanted", role=TARGET)}
+    loop = Loop(still, {"e": "e0"}, {}, {"e": "band"})
+    system = System("own", "it stays", numbers, {}, loop.targets(), loop.says_start(), loop=loop)
+    told = proofs.exact_numbers(system, {"e0": F(1, 3), "band": F(1, 3)})
+    found = loop.question().find(told)
+    assert found is None  # a third is no float: it is rounded outwards
+    told = proofs.exact_numbers(system, {"e0": F(3, 4), "band": F(3, 4)})
+    found = loop.question().find(told)
+    assert found is not None
+    loop.question().check(told, found)
+    with pytest.raises(DoesNotHold):
+        loop.question().check({**told, "band": F(1, 2)}, found)
+
+
+def test_products_by_powers_of_two_are_exact():
+    box = Boxes(np.array([0.1, -0.3, 5e-324]), np.array([0.1, 0.7, 1.0]))
+    for by in (0.5, -4.0, 0.0):
+        low = np.minimum(box.low * by, box.high * by)[:2]
+        factor = Boxes.around(F(by), F(by))
+        for found in (box * factor, factor * box):
+            assert np.array_equal(found.low[:2], low)
+    assert (box * Boxes.around(F(1, 2), F(1, 2))).low[2] < 0  # where floats end it is rounded
+    assert np.array_equal((box / Boxes.around(F(2), F(2))).low[:2], [0.05, -0.15])

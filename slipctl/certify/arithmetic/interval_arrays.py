@@ -85,12 +85,10 @@ class Boxes(ArrayOperations):
         ends = (self.low, self.high) if by >= 0 else (self.high, self.low)
         with np.errstate(invalid="ignore"):
             low, high = ends[0] * by, ends[1] * by
+        exact = [end == 0 for end in ends]
         if _is_power_of_two(by):
-            back = 1 / by
-            if (low * back == ends[0]).all() and (high * back == ends[1]).all():
-                return Boxes(low, high)
-        return Boxes(np.where(ends[0] == 0, 0.0, _down(low)),
-                     np.where(ends[1] == 0, 0.0, -_down(-high)))  # fmt: skip
+            exact = [end * by / by == end for end in ends]
+        return Boxes(np.where(exact[0], low, _down(low)), np.where(exact[1], high, -_down(-high)))
 
     __radd__, __rmul__ = __add__, __mul__
 

@@ -73,8 +73,8 @@ class _Search:
     def altered(self, signs: np.ndarray, worst: np.ndarray) -> np.ndarray:
         """Pushes of the worst runs, with stretches turned over or moved in time."""
         found = signs[worst[self.rng.integers(0, len(worst), RUNS)]]
-        for k in range(len(worst), RUNS):
-            push = self.rng.integers(0, max(len(self.names), 1))
+        for k in range(len(worst), RUNS if self.names else 0):
+            push = self.rng.integers(0, len(self.names))
             begin = self.rng.integers(0, self.ticks)
             size = int(self.rng.choice([1, 4, 15, 60, 200]))
             if self.rng.random() < 0.5:

@@ -60,6 +60,7 @@ class Question:
         covers: inputs that a proof includes, of the numbers. why: is filled where no proof is.
         work: operations that a search may take.
         within: ticks for which it is asked, of the numbers; None for ever.
+        ticks: of a run of its search; None as long as the loop wants.
     """
 
     loop: Callable[[Numbers], ModeLoop]
@@ -68,6 +69,7 @@ class Question:
     why: list[str] = field(default_factory=list)
     work: int = WORK
     within: Callable[[Numbers], int | None] = lambda n: None
+    ticks: int | None = None
     _seen: dict[Any, Runs] = field(default_factory=dict, repr=False, compare=False)
     _found: dict[Any, tuple[Entries | None, list[str]]] = field(
         default_factory=dict, repr=False, compare=False
@@ -100,8 +102,9 @@ class Question:
     def _bounds(self, n: Numbers) -> Bounds:
         return {x: s.ends(n.get(s.high)) for x, s in self.stays.items()}
 
-    def runs(self, loop: ModeLoop, most: int | None = None) -> Runs:
-        """Runs of a loop, simulated once, of so many ticks at most."""
+    def runs(self, loop: ModeLoop, within: int | None = None) -> Runs:
+        """Runs of a loop, simulated once, of no more ticks than it is asked for."""
+        most = min((k for k in (within, self.ticks) if k is not None), default=None)
         key = (loop.code.steps, loop.start, tuple(loop.push.items()), loop.stride, most)
         if key not in self._seen:
             self._seen.clear()

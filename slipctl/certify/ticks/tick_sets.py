@@ -47,6 +47,9 @@ MOST_TICKS = 5000
 FEW = WORK // 10
 """Operations of a search of cells without modes, so that an answer is there within seconds."""
 
+SHORT = 200
+"""Ticks of a run that is searched for without modes, after those that are summed up."""
+
 Values = Mapping[str, Any]
 
 Bound = str | tuple[str, str]
@@ -183,10 +186,11 @@ class Loop:
         if not self._made:
             stays = {x: s if isinstance(s, Stay) else Stay(s, f"|{x}|", both=True)
                      for x, s in self.stays.items()}  # fmt: skip
-            self._made.append(Question(
-                self.loop, stays, self._covered, self.why, self.work if self.modes else FEW,
-                lambda n: self.ticks(n, MOST_TICKS) if self.within else None,
-            ))  # fmt: skip
+            few = {} if self.modes else {"work": min(self.work, FEW), "ticks": SHORT}
+            own: dict[str, Any] = {"why": self.why, "work": self.work, **few}
+            if self.within:
+                own["within"] = lambda n: self.ticks(n, MOST_TICKS)
+            self._made.append(Question(self.loop, stays, self._covered, **own))
         return self._made[0]
 
     def _find_cells(self, n: Numbers) -> Entries | None:
@@ -241,7 +245,11 @@ class Loop:
 
     def _find_tube(self, n: Numbers) -> Entries | None:
         ticks = self.ticks(n, 10**9)
-        return self._searched(n, lambda *loop: find_tube(*loop, ticks), self._check_tube)
+
+        def find(loop: SampledLoop, cell: Cell, bounds: Bounds) -> Any:
+            return find_tube(loop, cell, bounds, ticks)
+
+        return self._searched(n, find, self._check_tube)
 
     def _check_tube(self, n: Numbers, given: Entries) -> None:
         sampled, _, bounds = self.sampled(n)
