@@ -234,12 +234,12 @@ def test_large_arrays_lie_in_the_state_where_they_are_much(tmp_path, monkeypatch
     monkeypatch.setattr(scratch, "DEEPEST", 30)
     moved = scratch.off_stack(made.made, called, work)
     assert lines_of(moved.lines) == ["f(in->x, in->k, now->y, &now->size, work);"]
-    assert moved.numbers == sum(n for rows in moved.arrays.values() for _, n in rows) > 30
+    assert sum(n for rows in moved.arrays.values() for _, n in rows) > 30
     for function, node in moved.made.items():
         text = file_text([node])
         assert set(re.findall(r"work->(\w+)", text)) <= {function}
         assert not re.search(r"double \w+\[30\];", text)
-    structs = "\n".join(scratch.structs(moved.arrays, "W", "double"))
+    structs = "\n".join(scratch.structs(moved.arrays, "W", "double", []))
     declared = ", ".join(["const double *x", "double k", "double *y", "double *size"])
     body = ["static struct W w;", "f(x, k, y, size, &w);"]
     functions = {**moved.made, "outer": define(f"static void outer({declared})", body)}

@@ -78,7 +78,8 @@ def sources(plan: Plan, section: str | None = None) -> dict[str, str]:
     ) -> str:
         made = [in_precision(x, plan.real, plan.block.name) for x in nodes]
         made = made if section is None else [in_section(x, section) for x in made]
-        more = ["stddef"] * any("NULL" in x.words for x in made)
+        words = c.words(made)
+        more = [h for h, names in _MACROS.items() if names & words and h not in libraries]
         included = "\n".join(f"#include <{x}.h>" for x in (*libraries, *more))
         return file_text([c.raw(head(plan, name)), *opening, c.raw(included), *made])
 
@@ -95,6 +96,13 @@ def sources(plan: Plan, section: str | None = None) -> dict[str, str]:
     libraries = ["float", "math", "stdbool"]
     whole = [*before, *own, *tests, *around]
     return found | {file: finished(file, [c.raw(openings)], libraries, whole)}
+
+
+_MACROS = {
+    "float": {"DBL_MIN", "DBL_MAX", "DBL_EPSILON", "FLT_MIN", "FLT_MAX", "FLT_EPSILON"},
+    "stddef": {"NULL"},
+}
+"""Headers by the macros that need them."""
 
 
 def _enums(plan: Plan) -> list[Node]:
