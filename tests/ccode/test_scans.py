@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from slipctl.block.text.intermediates import remember_locals
-from slipctl.ccode.module.kernel import _branches
 from slipctl.ccode.module.small import small_functions
 from slipctl.ccode.passes import scratch
 from slipctl.ccode.tree.functions import Functions, returns_number
@@ -31,7 +30,7 @@ HEAD = "#include <math.h>\n#include <stdbool.h>\n#include <stddef.h>\n"
 
 def written(f: ca.Function) -> tuple[Functions, str]:
     """Functions of C, and the name of that of a Function."""
-    made = Functions(_branches, {})
+    made = Functions({})
     return made, made.name(f)
 
 
@@ -170,7 +169,7 @@ def test_again_and_again_is_a_loop_that_ends(tmp_path, most, begun):
     f = ca.Function(
         "whole", [z, k], [repeated(most, z, k, begun=begun)], ["z", "k"], ["z_next"]
     )  # fmt: skip
-    made = Functions(_branches, {})
+    made = Functions({})
     if not begun:
         found = made._again(f)
         assert found is not None
@@ -191,16 +190,16 @@ def test_what_goes_on_otherwise_is_no_such_loop():
         y = maybe(first, z, k)
         y = maybe(second(y), y, k)
         f = ca.Function("f", [z, k], [y], ["z", "k"], ["z_next"])
-        return Functions(_branches, {})._again(f)
+        return Functions({})._again(f)
 
     assert found(z[1] > 0, lambda y: y[1] > 0).most == 2
     assert found(z[1] > 0, lambda y: y[2] > 0) is None
     assert found(z[1] > 0, lambda y: y[1] > 1) is None
     y = maybe(z[1] > 0, z, k)
     f = ca.Function("f", [z, k], [maybe(y[1] > 0, y, k + 1)], ["z", "k"], ["z_next"])
-    assert find_while_loop(f, _branches, lambda g: None) is None
+    assert find_while_loop(f, lambda g: None) is None
     f = ca.Function("f", [z, k], [once(once(z, k), k)], ["z", "k"], ["z_next"])
-    assert find_while_loop(f, _branches, lambda g: None) is None
+    assert find_while_loop(f, lambda g: None) is None
 
 
 def test_names_of_the_python_that_wrote_it(tmp_path):

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-
-import casadi as ca
 
 from slipctl.block.block import Block
 from slipctl.block.fields import VectorNames
@@ -69,7 +67,6 @@ def by_parts(
     types: Mapping[str, Node],
     results: Sequence[Place],
     docs: Mapping[str, str],
-    can_be: Callable[[Place, int], int],
     vector_names: VectorNames,
 ) -> Kernel:
     """Make the C text of a block, a function for each of its parts.
@@ -80,14 +77,13 @@ def by_parts(
         types: declaration of each struct that a function may be given, by its name.
         results: places of next states and outputs, in order.
         docs: comment by name of a nested Function.
-        can_be: what an element of an argument can be.
         vector_names: what numbers in the vectors of Functions are.
 
     Raises:
         BadInput: CasADi cannot generate an operation, or not without library, heap or globals.
     """
-    functions = Functions(_branches, docs, vector_names=vector_names)
-    parts = Parts(functions, types, can_be)
+    functions = Functions(docs, vector_names=vector_names)
+    parts = Parts(functions, types)
     parts.add(block, "", wires)
     made, lines, outside = functions.made | parts.made, list(parts.lines), StaticC()
     if parts.outside:
@@ -107,15 +103,6 @@ def by_parts(
     if parts.outside:
         sz_iw, sz_w = max(sz_iw, 1), max(sz_w, 1)
     return replace(found, work=(sz_arg, sz_res, sz_iw, sz_w + found.in_arrays))
-
-
-def _branches(g: ca.Function) -> tuple[ca.Function, ca.Function] | None:
-    """What an if_else Function evaluates if true and otherwise; None of another Function."""
-    if g.class_name() != "Switch":
-        return None
-    found = g.info()
-    others = found["f"]
-    return (found["f_def"], others[0]) if len(others) == 1 else None
 
 
 def definitions(made: Kernel, real: str) -> list[Node]:

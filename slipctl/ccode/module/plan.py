@@ -26,12 +26,12 @@ from slipctl.ccode.module.layout import (
     of_each_copy,
     started_copies,
 )
-from slipctl.ccode.module.wires import Place, Wires
+from slipctl.ccode.module.wires import Wires
 from slipctl.ccode.passes.integers import with_integers
 from slipctl.ccode.passes.precision import check_real, round_to_real
 from slipctl.ccode.passes.rolled_loops import roll_lines
 from slipctl.ccode.tree import nodes as c
-from slipctl.ccode.tree.expressions import FINITE, NUMBER, Writer, number
+from slipctl.ccode.tree.expressions import Writer, number
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import code, expression
 from slipctl.errors import BadInput
@@ -107,14 +107,11 @@ class Plan:
             {m.name: (m, "now->") for m in lay.signals},
         )  # fmt: skip
 
-        def can_be(place: Place, k: int) -> int:
-            return NUMBER if place[1] == "param->" else FINITE
-
         types = {k: _declared(text) for k, text in self.types.items()}
         named: VectorNames = {}
         for _, leaf in self.block.leaves():  # of several problems the first has names
             named = {**leaf.composition.vector_names, **named}
-        return by_parts(self.whole, wires, types, self.results, self.docs, can_be, named)
+        return by_parts(self.whole, wires, types, self.results, self.docs, named)
 
     @property
     def files(self) -> tuple[str, ...]:

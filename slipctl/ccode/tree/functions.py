@@ -38,9 +38,7 @@ from slipctl.ccode.tree.nodes import Node as C
 from slipctl.ccode.tree.parser import code
 from slipctl.ccode.tree.scans import find_scan, scan_lines
 from slipctl.ccode.tree.vectors import AT, element, loop, place
-from slipctl.ccode.tree.while_loops import Again, again_lines, find_while_loop, stays
-
-Branches = Callable[[ca.Function], tuple[ca.Function, ca.Function] | None]
+from slipctl.ccode.tree.while_loops import Again, again_lines, branches, find_while_loop, stays
 
 
 @dataclass
@@ -48,7 +46,6 @@ class Functions:
     """C functions made so far, in order.
 
     Attributes:
-        branches: gives what an if_else Function chooses from: (if true, otherwise), or None.
         docs: comment by the name of a Function.
         made: function by C name.
         helpers: functions of ``HELPERS`` that they call.
@@ -61,7 +58,6 @@ class Functions:
         enums: those that are read by a constant: what the vector is, and the place, by name.
     """
 
-    branches: Branches
     docs: Mapping[str, str]
     made: dict[str, C] = field(default_factory=dict)
     helpers: set[str] = field(default_factory=set)
@@ -187,7 +183,7 @@ class Functions:
         """What a Function does again and again; looked at once."""
         key = f.__hash__()
         if key not in self.repeats:
-            self.repeats[key] = f, find_while_loop(f, self.branches, self._again)
+            self.repeats[key] = f, find_while_loop(f, self._again)
         return self.repeats[key][1]
 
     def _scalar(self, f: ca.Function, inputs: Sequence[str], outputs: Sequence[str]) -> list[C]:
@@ -355,7 +351,7 @@ class Functions:
                     c.assign(c.index(results[0], i), c.name(total))]  # fmt: skip
             at.lines += [c.declare("double", total, start), c.loop(g.nnz_out(0), body)]
             return
-        chosen = self.branches(g)
+        chosen = branches(g)
         if chosen is None:
             self._plain(at, g, arguments, results, True)
             return
