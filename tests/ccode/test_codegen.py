@@ -42,7 +42,7 @@ from slipctl.ccode import codegen
 from slipctl.ccode.check import comparison
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.tree.expressions import Writer
-from slipctl.ccode.tree.helpers import helpers as helpers_named
+from slipctl.ccode.tree.helpers import helpers
 from slipctl.ccode.tree.parser import define, expression
 from slipctl.ccode.tree.printer import file_text
 from slipctl.models import brakes
@@ -311,16 +311,14 @@ def test_random_expressions_are_written_operation_for_operation(tmp_path: Path) 
         pytest.skip("no C compiler on this machine")
     rng = np.random.default_rng(7)
     functions = [_random_function(rng, f"f{k}") for k in range(40)]
-    helpers: set[str] = set()
     text = []
     for f in functions:
         writer = Writer(f, lambda i, k: expression(f"u[{k}]")).run()
-        helpers |= writer.helpers
         body = [*writer.lines, *(f"y[{k}] = {writer.result(n)};" for (_, k), n in writer.results)]
         text.append(define(f"void {f.name()}(const double *u, double *y)", body))
     prototypes = [f"void {f.name()}(const double *u, double *y);" for f in functions]
     source = tmp_path / "random.c"
-    functions_of = file_text([*helpers_named(helpers), *text])
+    functions_of = file_text([*helpers(text), *text])
     source.write_text(
         "\n".join(["#include <math.h>\n#include <stdbool.h>", *prototypes, functions_of])
     )

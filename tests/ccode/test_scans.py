@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 
 from slipctl.block.text.intermediates import remember_locals
-from slipctl.ccode.module.small import small_functions
 from slipctl.ccode.passes import scratch
 from slipctl.ccode.tree.functions import Functions, returns_number
-from slipctl.ccode.tree.helpers import helpers as helpers_named
+from slipctl.ccode.tree.helpers import helpers
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import code, define
 from slipctl.ccode.tree.printer import file_text, lines_of
@@ -35,10 +34,10 @@ def written(f: ca.Function) -> tuple[Functions, str]:
 
 
 def run(f: ca.Function, given: list[Any], folder: Path, functions: dict[str, Node], name: str,
-        helpers: set[str], structs: str = "") -> list[np.ndarray]:  # fmt: skip
+        structs: str = "") -> list[np.ndarray]:  # fmt: skip
     """Results of the C of a Function, arguments by address."""
     made = list(functions.values())
-    text = structs + file_text([*helpers_named(helpers), *small_functions(made), *made])
+    text = structs + file_text([*helpers(made), *made])
     places = [f"*a{i}" if f.nnz_in(i) == 1 else f"a{i}" for i in range(f.n_in())]
     if returns_number(f):
         name = f"*r0 = {name}"
@@ -63,7 +62,7 @@ def run(f: ca.Function, given: list[Any], folder: Path, functions: dict[str, Nod
 def same(f: ca.Function, folder: Path, given: list[Any]) -> str:
     """Compare C and CasADi bit by bit; the text of C."""
     made, name = written(f)
-    found = run(f, given, folder, made.made, name, made.helpers)
+    found = run(f, given, folder, made.made, name)
     for value, true in zip(found, f.call(given), strict=True):
         expected = np.array(ca.densify(true)).ravel(order="F")
         np.testing.assert_array_equal(value, expected)
@@ -243,7 +242,7 @@ def test_large_arrays_lie_in_the_state_where_they_are_much(tmp_path, monkeypatch
     body = ["static struct W w;", "f(x, k, y, size, &w);"]
     functions = {**moved.made, "outer": define(f"static void outer({declared})", body)}
     given = numbers(f)
-    found = run(f, given, tmp_path, functions, "outer", made.helpers, structs)
+    found = run(f, given, tmp_path, functions, "outer", structs)
     for value, true in zip(found, f.call(given), strict=True):
         np.testing.assert_array_equal(value, np.array(true).ravel(order="F"))
     assert all(a < b for a, b in pairwise([0, len(moved.arrays)]))

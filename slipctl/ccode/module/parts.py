@@ -420,7 +420,6 @@ class Parts:
             f, lambda i, k: self._read(places, i, k), local, itertools.count(1),
             can_be=lambda i, k: self._given(places, i, k), shown=len(rows),
         ).run()  # fmt: skip
-        self.functions.helpers |= set(writer.helpers)
         chosen = {text: writer.condition(writer.results[i][1]) for i, text in enumerate(rows)}
         then = free_name("then", {*taken, *local.values()})
         (now,), (to,), (told,) = (
@@ -457,7 +456,6 @@ class Parts:
             f, lambda i, k: self._read(places, i, k), local, itertools.count(1),
             can_be=lambda i, k: self._given(places, i, k), shown=shown, known=len(known),
         ).run()  # fmt: skip
-        self.functions.helpers |= set(writer.helpers)
         lines = list(writer.lines)
         for (i, k), node in writer.results:
             (m, pointer), _ = targets[i]

@@ -92,7 +92,6 @@ class Plan:
         beside = [s for n, s in block.outputs.items() if n not in self.block.outputs]
         self.layout: Layout = layout(self.block, name or block.name, beside)
         self.name, self.period = self.layout.name, block.period or period
-        self.bound_helpers: set[str] = set()
         made, ticks = self._by_parts(), [m for m, _ in self.counters]
         self.equations, self.layout = with_integers(made, self.layout, ticks)
 
@@ -282,7 +281,6 @@ class Plan:
         f = ca.Function("ends", list(symbols.values()), results)
         members_ = [places[s.name] for s in read]
         writer = Writer(f, lambda i, k: members_[i][0].node(members_[i][1], k)).run()
-        self.bound_helpers |= set(writer.helpers)
         at = dict(writer.results)
         return list(writer.lines), texts | {
             key: writer.result(at[i, 0]).text for i, key in enumerate(keys)

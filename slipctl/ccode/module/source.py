@@ -25,12 +25,11 @@ from slipctl.ccode.module.guard_functions import (
     with_results,
 )
 from slipctl.ccode.module.header import head, prototype, prototypes
-from slipctl.ccode.module.kernel import definitions
+from slipctl.ccode.module.kernel import KERNEL
 from slipctl.ccode.module.layout import Member, c_elements, own_name
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.module.small import small_functions
 from slipctl.ccode.passes.part_structs import nest_parts
-from slipctl.ccode.passes.precision import in_precision
+from slipctl.ccode.passes.precision import in_precision, tolerant
 from slipctl.ccode.passes.scratch import in_section
 from slipctl.ccode.passes.split_step import equations_call, prepare, take_state
 from slipctl.ccode.tree import nodes as c
@@ -57,21 +56,21 @@ def sources(plan: Plan, section: str | None = None) -> dict[str, str]:
     around = [f for make in made for f in make(plan)]
     around += tick_counter.functions(plan, _hold_call(plan)) if plan.counter else []
     parts, around = nest_parts(plan.layout, plan.equations.functions, around)
-    small = small_functions(parts.values())
+    static = [tolerant(n) if plan.real == "float" else n for n in plan.equations.static]
+    shared = helpers([*parts.values(), *static])
+    if static:
+        static = [c.remark(KERNEL[0]), *static, c.remark(KERNEL[1])]
     bits = {
         f"{bit}_": expression(f"(unsigned int){plan.layout.big}_{bit}")
         for bit in ("OFF_RANGE", "BAD_INPUT", "REFUSED", "LIMITED")
     }
-    tests = c.swap_all(small_functions(around, small), bits)
-    of_ranges = {*plan.start.helpers, *plan.bound_helpers}
+    tests = c.swap_all(helpers(around, shared), bits)
     named = c.words([*tests, *around])
     forgotten = int(guard.memory(plan.period, plan.stale))
     before = [c.raw(_NAN_IS_SEEN), c.raw("\n".join(
         f"#define {name} {value or forgotten} /* {what} */"
         for name, (value, what) in guard.NUMBERS.items() if name in named
     ))]  # fmt: skip
-    shared = definitions(plan.equations, plan.real)
-    own = helpers(of_ranges - plan.equations.helpers)
 
     def finished(
         name: str, opening: Sequence[Node], libraries: Sequence[str], nodes: Iterable[Node]
@@ -91,10 +90,10 @@ def sources(plan: Plan, section: str | None = None) -> dict[str, str]:
     copied = "Functions casadi_... are copied from the templates of CasADi" \
              f" {ca.CasadiMeta.version()} (MIT-0, see LICENSE)."  # fmt: skip
     opening += [c.remark(copied)] * plan.equations.copied
-    whole = [*_enums(plan), *shared, *small, *parts.values(), c.raw(f"#endif /* {mark} */")]
+    whole = [*_enums(plan), *shared, *static, *parts.values(), c.raw(f"#endif /* {mark} */")]
     found = {headers[-1]: finished(headers[-1], opening, ["math", "stdbool"], whole)}
     libraries = ["float", "math", "stdbool"]
-    whole = [*before, *own, *tests, *around]
+    whole = [*before, *tests, *around]
     return found | {file: finished(file, [c.raw(openings)], libraries, whole)}
 
 

@@ -23,7 +23,6 @@ from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.arrays import Arrays
 from slipctl.ccode.tree.expressions import ANY, Unsupported, Writer
 from slipctl.ccode.tree.graph import argument_names, free_name, result_name, word
-from slipctl.ccode.tree.helpers import HELPERS
 from slipctl.ccode.tree.loops import (
     Sums,
     accumulation_body,
@@ -48,7 +47,6 @@ class Functions:
     Attributes:
         docs: comment by the name of a Function.
         made: function by C name.
-        helpers: functions of ``HELPERS`` that they call.
         names: C name by serialised Function.
         letters: names that locals have from the model.
         reserved: names that are taken.
@@ -60,10 +58,9 @@ class Functions:
 
     docs: Mapping[str, str]
     made: dict[str, C] = field(default_factory=dict)
-    helpers: set[str] = field(default_factory=set)
     names: dict[str, str] = field(default_factory=dict)
     letters: set[str] = field(default_factory=set)
-    reserved: set[str] = field(default_factory=lambda: {*LOCAL, *KEYWORDS, *HELPERS})
+    reserved: set[str] = field(default_factory=lambda: {*LOCAL, *KEYWORDS})
     pointers: set[str] = field(default_factory=set)
     repeats: dict[int, tuple[ca.Function, Again | None]] = field(default_factory=dict)
     vector_names: VectorNames = field(default_factory=dict)
@@ -198,7 +195,6 @@ class Functions:
         writer = Writer(
             inner, lambda i, k: at(inputs[i], f.nnz_in(i), k), names, shown=f.n_out(), modest=True
         ).run()
-        self.helpers |= set(writer.helpers)
         lines = list(writer.lines)
         for (i, k), node in writer.results:
             to, made = at(outputs[i], f.nnz_out(i), k), writer.result(node)
@@ -317,7 +313,6 @@ class Functions:
         made = Arrays(
             f, sources, self._call, names, targets, count, can_be, hidden, {*self.taken(f), *own}
         ).run()
-        self.helpers |= made.helpers
         lines = made.lines
         returns = hidden is None and returns_number(f)
         for i, to in enumerate(outputs):
