@@ -31,8 +31,10 @@ from slipctl import (
     differential_evolution,
     every,
     flow,
+    gated,
     law,
     make_block,
+    replicate,
     rls,
     sampled,
     simulate,
@@ -303,6 +305,22 @@ def test_held_step_is_a_branch_and_calls_only_what_must_be_called(tmp_path: Path
     assert "if (state->tick == 0.0) {" in text
     assert "casadi_qrqp" in text
     assert not re.search(r"_(checkout|n_in|sparsity_out|work_bytes|casadi_version)\b", text)
+
+
+@pytest.mark.second
+@pytest.mark.parametrize("around", [
+    lambda b: replicate(b, 3, ["u"]), lambda b: gated(b), lambda b: replicate(every(b, 2), 2),
+    lambda b: connect("two", {"a.u": "u", "b.u": "a.linear", "y": "b.root"}, a=b, b=b),
+])  # fmt: skip
+def test_a_part_with_solvers_runs_wherever_it_stands(around: Any, tmp_path: Path) -> None:
+    """Copies, at times, behind itself: CasADi's text is that of this part alone, to the bit."""
+    block = around(tables)
+    rng = np.random.default_rng(3)
+    given = {n: rng.uniform(0.2, 0.9, (20, *s.shape)) for n, s in block.inputs.items()}
+    found = codegen.check(block, given, tmp_path, name="ctl", period=0.01)
+    assert found["passed"]
+    assert all(s["absolute"] == 0 for s in found["signals"].values())
+    assert "work->failed = 1;" in (tmp_path / "ctl_parts.h").read_text()
 
 
 def test_random_expressions_are_written_operation_for_operation(tmp_path: Path) -> None:
