@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
@@ -110,6 +110,14 @@ class Member:
         """Declaration inside a struct, by its C name or another, in this precision."""
         name = name or self.c
         return f"{real} {name};" if self.scalar else f"{real} {name}[{self.size}];"
+
+
+def spans(members: Iterable[Member]) -> Iterator[tuple[Member, slice]]:
+    """Each member with its place in a row of the elements of all."""
+    end = 0
+    for m in members:
+        end += m.size
+        yield m, slice(end - m.size, end)
 
 
 @dataclass(frozen=True)

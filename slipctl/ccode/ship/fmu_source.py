@@ -7,8 +7,6 @@ do (Model Exchange, derivatives, clocks) is there and refuses.
 
 from __future__ import annotations
 
-import itertools
-
 import casadi as ca
 
 from slipctl.block.text.named_expressions import evaluate, names_in
@@ -17,7 +15,7 @@ from slipctl.ccode.compile.state_numbers import numbers_of, take_numbers
 from slipctl.ccode.compile.template import fill_template
 from slipctl.ccode.module.guard_functions import range_condition
 from slipctl.ccode.module.header import head
-from slipctl.ccode.module.layout import Member, dense_value, matrix
+from slipctl.ccode.module.layout import Member, dense_value, matrix, spans
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes.part_structs import nest_states
 from slipctl.ccode.passes.precision import in_precision
@@ -92,8 +90,7 @@ def _starts(plan: Plan) -> list[Node]:
               (lay.states, "m->state.kept."))  # fmt: skip
     places = {m.name: (m, pointer) for group, pointer in groups for m in group}
     symbols = {n: ca.SX.sym("x", *matrix(m.signal)) for n, (m, _) in places.items()}
-    ends_at = itertools.accumulate(m.size for m in lay.states)
-    first = {m.name: end - m.size for m, end in zip(lay.states, ends_at, strict=True)}
+    first = {m.name: here.start for m, here in spans(lay.states)}
     waiting = [m for m in lay.states if m.signal.derived]
     lines = list[Node]()
     while waiting:
