@@ -8,7 +8,6 @@ from typing import Any
 
 from slipctl.ccode.module import guard
 from slipctl.ccode.module.comments import comment
-from slipctl.ccode.module.header import prototype
 from slipctl.ccode.module.layout import Member, spans
 from slipctl.ccode.module.plan import Ends, Plan
 from slipctl.ccode.tree import nodes as c
@@ -54,9 +53,9 @@ def check_inputs(plan: Plan) -> list[Node]:
     lines += ["guard->fresh = 0U;", if_("told == 0U", "guard->fresh = 1U;")]
     what = comment("Take the inputs, of one that is bad its last good value; bits of the status.")
     used = [*known, *map(expression, ends.values())]
-    signature = prototype(plan, "static unsigned int", "check_inputs", f"const {n}_in *in",
-                          *_types(plan, used), f"struct {n}_guard *guard")  # fmt: skip
-    return [define(signature, [*lines, "return told % UNSURE;"], what)]
+    given = [f"const {n}_in *in", *_types(plan, used), f"struct {n}_guard *guard"]
+    lines.append("return told % UNSURE;")
+    return [define("static unsigned int check_inputs", lines, what, given)]
 
 
 def _known(plan: Plan) -> tuple[list[Node], dict[Any, str]]:
@@ -171,8 +170,7 @@ def part_off(plan: Plan) -> list[Node]:
             tests.append(if_(f"!({' && '.join(found)})", f"return {k};"))
     what = comment("The first part of which a next state is out of its range, 0 for none.")
     given = [f"const struct {plan.name}_kept *x", *_types(plan, [*lines, *tests])]
-    signature = prototype(plan, "static int", "part_off", *given)
-    return [define(signature, [*lines, *tests, "return 0;"], what)]
+    return [define("static int part_off", [*lines, *tests, "return 0;"], what, given)]
 
 
 def recover(plan: Plan) -> list[Node]:
@@ -205,9 +203,8 @@ def recover(plan: Plan) -> list[Node]:
         " out of its range is put to its start. After as many more it is one part after the other:"
         f" {order}. Then it is all of it."
     )
-    signature = prototype(plan, "static unsigned int", "recover", f"const {n}_param *param",
-                          f"{n}_state *state", "int off")  # fmt: skip
-    return [define(signature, lines, what)]
+    given = [f"const {n}_param *param", f"{n}_state *state", "int off"]
+    return [define("static unsigned int recover", lines, what, given)]
 
 
 def catch_up(plan: Plan) -> list[Node]:
@@ -225,9 +222,7 @@ def catch_up(plan: Plan) -> list[Node]:
         "Ticks that were refused count for the parts that run every few ticks: they go on in step"
         " with the others."
     )
-    signature = prototype(plan, "static void", "catch_up", f"struct {plan.name}_kept *x",
-                          missed)  # fmt: skip
-    return [define(signature, lines, what)]
+    return [define("static void catch_up", lines, what, [f"struct {plan.name}_kept *x", missed])]
 
 
 def finite(plan: Plan) -> list[Node]:
@@ -244,7 +239,7 @@ def finite(plan: Plan) -> list[Node]:
             continue
         given = with_results(plan, arguments, places)
         lines = _zero(places)
-        made.append(define(prototype(plan, "static bool", name, *given), lines))
+        made.append(define(f"static bool {name}", lines, given=given))
     return made
 
 
@@ -310,10 +305,9 @@ def limit_outputs(plan: Plan) -> list[Node]:
         else:
             calls += [f"limit(&{m.at('out->', k)}, {e})" for k, e in enumerate(each)]
     lines.append(c.give(expression(" | ".join(calls))))
-    signature = prototype(plan, "static unsigned int", "limit_outputs",
-                          *_types(plan, lines), f"{plan.name}_out *out")  # fmt: skip
+    given = [*_types(plan, lines), f"{plan.name}_out *out"]
     what = comment("Put outputs into their ranges; a bit of the status.")
-    return [define(signature, lines, what)]
+    return [define("static unsigned int limit_outputs", lines, what, given)]
 
 
 def _all_within(m: Member, pointer: str, ends: Sequence[str]) -> list[str]:

@@ -291,11 +291,6 @@ def _kept(plan: Plan) -> list[str]:
     return [*lines, what, f"struct {plan.name}_kept {{", *whole, "};", ""]
 
 
-def prototype(plan: Plan, result: str, function: str, *arguments: str) -> str:
-    """Declaration of a function of the module, wrapped."""
-    return signature(result, function, arguments)
-
-
 def prototypes(plan: Plan) -> dict[str, str]:
     """Declarations of the functions of the module, by their short names."""
     n = plan.name
@@ -309,7 +304,7 @@ def prototypes(plan: Plan) -> dict[str, str]:
     if plan.block.composition.split:
         arguments["prepare"] = arguments["step"][:-1]
         arguments["feedback"] = arguments["step"]
-    texts = {k: prototype(plan, a[0], f"{n}_{k}", *a[1:]) for k, a in arguments.items()}
+    texts = {k: signature(a[0], f"{n}_{k}", a[1:]) for k, a in arguments.items()}
     texts |= rates.prototypes(plan) if plan.rates else {}
     return texts | ({"step_counted": tick_counter.prototype(plan)} if plan.counter else {})
 

@@ -24,7 +24,8 @@ from slipctl.ccode.module.guard_functions import (
     recover,
     with_results,
 )
-from slipctl.ccode.module.header import head, prototype, prototypes
+from slipctl.ccode.module.header import head as first_comment
+from slipctl.ccode.module.header import prototypes
 from slipctl.ccode.module.kernel import KERNEL
 from slipctl.ccode.module.layout import Member, c_elements, own_name
 from slipctl.ccode.module.plan import Plan
@@ -80,7 +81,7 @@ def sources(plan: Plan, section: str | None = None) -> dict[str, str]:
         words = c.words(made)
         more = [h for h, names in _MACROS.items() if names & words and h not in libraries]
         included = "\n".join(f"#include <{x}.h>" for x in (*libraries, *more))
-        return file_text([c.raw(head(plan, name)), *opening, c.raw(included), *made])
+        return file_text([c.raw(first_comment(plan, name)), *opening, c.raw(included), *made])
 
     openings = "\n".join(f'#include "{h}"' for h in headers)
     mark = f"{plan.layout.big}_PARTS_H"
@@ -138,11 +139,10 @@ def _equations(plan: Plan) -> list[Node]:
     given = ["in", "param", *["derived"] * bool(plan.layout.derived)]
     given += [*["state", "next"] * bool(plan.layout.states), "now", *["work"] * plan.work_in_state]
     voids = [c.mark_unused(a) for a in given if a not in used]
-    result = "static int" if plan.can_fail else "static void"
-    signature = prototype(plan, result, "equations", *(plan.types[a] for a in given))
+    head = f"static {'int' if plan.can_fail else 'void'} equations"
     told = f"The parts, in the order of the wires of {plan.block.name}"
     what = comment(f"{told}; {n}.h says where they come from.")
-    return [define(signature, [*voids, *lines], what)]
+    return [define(head, [*voids, *lines], what, (plan.types[a] for a in given))]
 
 
 # ---- parameters and start -----------------------------------------------------------------------
@@ -229,9 +229,9 @@ def _start(plan: Plan) -> list[Node]:
     if computed:
         told += " Whether what is computed of it is in its range."
         lines += code(f"return {' && '.join(computed)};")
-    signature = prototype(plan, f"static {'bool' if computed else 'void'}", "start",
-                          plan.types["param"], f"struct {n}_kept *state", "int part")  # fmt: skip
-    return [define(signature, [*void, *lines], comment(told))]
+    head = f"static {'bool' if computed else 'void'} start"
+    given = [plan.types["param"], f"struct {n}_kept *state", "int part"]
+    return [define(head, [*void, *lines], comment(told), given)]
 
 
 def _begun(plan: Plan, members: Sequence[Member]) -> list[Node]:
