@@ -32,13 +32,9 @@ def check_inputs(plan: Plan) -> list[Node]:
             one = f"({m.at('in->', 0)}, &{m.at('guard->last.', 0)}"
             lines.append(f"told |= hand_over{many if m.size > 1 else one});")
             continue
+        stale = str(math.ceil(m.signal.stale))
         each = [
-            ", ".join(
-                [
-                    *(ends[m.c, k, what] for what in Ends._fields),
-                    str(math.ceil(m.signal.stale)),
-                ]
-            )
+            ", ".join([*(ends[m.c, k, what] for what in Ends._fields), stale])
             for k in range(m.size)
         ]
         if m.size > 1 and len(set(each)) == 1:
@@ -53,9 +49,9 @@ def check_inputs(plan: Plan) -> list[Node]:
     lines += ["guard->fresh = 0U;", if_("told == 0U", "guard->fresh = 1U;")]
     what = comment("Take the inputs, of one that is bad its last good value; bits of the status.")
     used = [*known, *map(expression, ends.values())]
-    given = [f"const {n}_in *in", *_types(plan, used), f"struct {n}_guard *guard"]
+    structs = [f"const {n}_in *in", *_types(plan, used), f"struct {n}_guard *guard"]
     lines.append("return told % UNSURE;")
-    return [define("static unsigned int check_inputs", lines, what, given)]
+    return [define("static unsigned int check_inputs", lines, what, structs)]
 
 
 def _known(plan: Plan) -> tuple[list[Node], dict[Any, str]]:

@@ -212,8 +212,8 @@ def _state(plan: Plan) -> str:
         lines += ["};", ""]
     what = "State: set by init, changed by step; a copy of the struct saves an instance."
     lines += [comment(what), f"typedef struct {n}_state {{"]
-    for m in state_members(plan):
-        lines.append(f"    {m.kind} {m.name};{f' /* {m.told} */' * bool(m.told)}")
+    for s in state_members(plan):
+        lines.append(f"    {s.kind} {s.name};{f' /* {s.told} */' * bool(s.told)}")
     return "\n".join([*lines, f"}} {n}_state;"])
 
 
