@@ -31,8 +31,10 @@ from slipctl import (
     differential_evolution,
     every,
     flow,
+    gated,
     law,
     make_block,
+    replicate,
     rls,
     sampled,
     simulate,
@@ -42,7 +44,7 @@ from slipctl.ccode import codegen
 from slipctl.ccode.check import comparison
 from slipctl.ccode.compile import compilers
 from slipctl.ccode.tree.expressions import Writer
-from slipctl.ccode.tree.helpers import helpers as helpers_named
+from slipctl.ccode.tree.helpers import helpers
 from slipctl.ccode.tree.parser import define, expression
 from slipctl.ccode.tree.printer import file_text
 from slipctl.models import brakes
@@ -305,22 +307,36 @@ def test_held_step_is_a_branch_and_calls_only_what_must_be_called(tmp_path: Path
     assert not re.search(r"_(checkout|n_in|sparsity_out|work_bytes|casadi_version)\b", text)
 
 
+@pytest.mark.second
+@pytest.mark.parametrize("around", [
+    lambda b: replicate(b, 3, ["u"]), lambda b: gated(b), lambda b: replicate(every(b, 2), 2),
+    lambda b: connect("two", {"a.u": "u", "b.u": "a.linear", "y": "b.root"}, a=b, b=b),
+])  # fmt: skip
+def test_a_part_with_solvers_runs_wherever_it_stands(around: Any, tmp_path: Path) -> None:
+    """Copies, at times, behind itself: CasADi's text is that of this part alone, to the bit."""
+    block = around(tables)
+    rng = np.random.default_rng(3)
+    given = {n: rng.uniform(0.2, 0.9, (20, *s.shape)) for n, s in block.inputs.items()}
+    found = codegen.check(block, given, tmp_path, name="ctl", period=0.01)
+    assert found["passed"]
+    assert all(s["absolute"] == 0 for s in found["signals"].values())
+    assert "work->failed = 1;" in (tmp_path / "ctl_parts.h").read_text()
+
+
 def test_random_expressions_are_written_operation_for_operation(tmp_path: Path) -> None:
     """DAGs of every operation, compiled, give the bits of CasADi (a zero may lose its sign)."""
     if not HAS_COMPILER:
         pytest.skip("no C compiler on this machine")
     rng = np.random.default_rng(7)
     functions = [_random_function(rng, f"f{k}") for k in range(40)]
-    helpers: set[str] = set()
     text = []
     for f in functions:
         writer = Writer(f, lambda i, k: expression(f"u[{k}]")).run()
-        helpers |= writer.helpers
         body = [*writer.lines, *(f"y[{k}] = {writer.result(n)};" for (_, k), n in writer.results)]
         text.append(define(f"void {f.name()}(const double *u, double *y)", body))
     prototypes = [f"void {f.name()}(const double *u, double *y);" for f in functions]
     source = tmp_path / "random.c"
-    functions_of = file_text([*helpers_named(helpers), *text])
+    functions_of = file_text([*helpers(text), *text])
     source.write_text(
         "\n".join(["#include <math.h>\n#include <stdbool.h>", *prototypes, functions_of])
     )

@@ -331,7 +331,7 @@ def test_a_function_that_only_calls_another_is_that_one() -> None:
     inner = ca.Function("inner", [a, b], [a * b, a + b], ["x", "y"], ["p", "s"])
     outer = ca.Function("outer", [x, y], inner(x, y))
     turned = ca.Function("turned", [x, y], inner(y, x))
-    made = Functions(lambda f: None, {})
+    made = Functions({})
     assert made.name(outer) == made.name(inner) == "inner"
     assert made.name(turned) == "turned"
     assert list(made.made) == ["inner", "turned"]
@@ -340,7 +340,7 @@ def test_a_function_that_only_calls_another_is_that_one() -> None:
 def test_sums_of_the_first_elements_are_a_loop() -> None:
     x = ca.MX.sym("x", 8)
     f = ca.Function("ratios", [x], [ca.cumsum(x[1:]) / 2], ["x"], ["r"])
-    made = Functions(lambda f: None, {})
+    made = Functions({})
     text = file_text([made.made[made.name(f)]])
     assert "total += x[1 + i];" in text
     assert list(made.made) == ["ratios"]
@@ -351,7 +351,7 @@ def test_what_each_turn_takes_as_it_is_is_passed_as_it_is() -> None:
     one = ca.Function("one", [x, k], [x * k[0] + k[1]], ["x", "k"], ["y"])
     xs, ks = ca.MX.sym("xs", 1, 6), ca.MX.sym("ks", 2)
     f = ca.Function("each", [xs, ks], [one.map(6)(xs, ca.repmat(ks, 1, 6))], ["x", "k"], ["y"])
-    made = Functions(lambda f: None, {})
+    made = Functions({})
     text = file_text([made.made[made.name(f)]])
     assert "y[i] = one(xs[i], ks);" in text
     assert list(made.made) == ["one", "each"] or list(made.made) == ["each", "one"]
@@ -365,7 +365,7 @@ def test_a_function_has_the_names_of_the_python_that_wrote_it() -> None:
         apart = ca.sqrt(half**2 + q)
         return ca.Function("roots", [p, q], [half + apart, half - apart], ["p", "q"], ["x", "y"])
 
-    made = Functions(lambda f: None, {})
+    made = Functions({})
     text = file_text([made.made[made.name(roots())]])
     assert "const double half = p / 2.0 - q;" in text
     assert "const double apart = sqrt(half * half + q);" in text

@@ -14,11 +14,9 @@ import numpy as np
 import pytest
 
 from slipctl.block.text.intermediates import remember_locals
-from slipctl.ccode.module.kernel import _branches
-from slipctl.ccode.module.small import small_functions
 from slipctl.ccode.passes import scratch
 from slipctl.ccode.tree.functions import Functions, returns_number
-from slipctl.ccode.tree.helpers import helpers as helpers_named
+from slipctl.ccode.tree.helpers import helpers
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import code, define
 from slipctl.ccode.tree.printer import file_text, lines_of
@@ -31,15 +29,15 @@ HEAD = "#include <math.h>\n#include <stdbool.h>\n#include <stddef.h>\n"
 
 def written(f: ca.Function) -> tuple[Functions, str]:
     """Functions of C, and the name of that of a Function."""
-    made = Functions(_branches, {})
+    made = Functions({})
     return made, made.name(f)
 
 
 def run(f: ca.Function, given: list[Any], folder: Path, functions: dict[str, Node], name: str,
-        helpers: set[str], structs: str = "") -> list[np.ndarray]:  # fmt: skip
+        structs: str = "") -> list[np.ndarray]:  # fmt: skip
     """Results of the C of a Function, arguments by address."""
     made = list(functions.values())
-    text = structs + file_text([*helpers_named(helpers), *small_functions(made), *made])
+    text = structs + file_text([*helpers(made), *made])
     places = [f"*a{i}" if f.nnz_in(i) == 1 else f"a{i}" for i in range(f.n_in())]
     if returns_number(f):
         name = f"*r0 = {name}"
@@ -64,7 +62,7 @@ def run(f: ca.Function, given: list[Any], folder: Path, functions: dict[str, Nod
 def same(f: ca.Function, folder: Path, given: list[Any]) -> str:
     """Compare C and CasADi bit by bit; the text of C."""
     made, name = written(f)
-    found = run(f, given, folder, made.made, name, made.helpers)
+    found = run(f, given, folder, made.made, name)
     for value, true in zip(found, f.call(given), strict=True):
         expected = np.array(ca.densify(true)).ravel(order="F")
         np.testing.assert_array_equal(value, expected)
@@ -170,7 +168,7 @@ def test_again_and_again_is_a_loop_that_ends(tmp_path, most, begun):
     f = ca.Function(
         "whole", [z, k], [repeated(most, z, k, begun=begun)], ["z", "k"], ["z_next"]
     )  # fmt: skip
-    made = Functions(_branches, {})
+    made = Functions({})
     if not begun:
         found = made._again(f)
         assert found is not None
@@ -191,16 +189,16 @@ def test_what_goes_on_otherwise_is_no_such_loop():
         y = maybe(first, z, k)
         y = maybe(second(y), y, k)
         f = ca.Function("f", [z, k], [y], ["z", "k"], ["z_next"])
-        return Functions(_branches, {})._again(f)
+        return Functions({})._again(f)
 
     assert found(z[1] > 0, lambda y: y[1] > 0).most == 2
     assert found(z[1] > 0, lambda y: y[2] > 0) is None
     assert found(z[1] > 0, lambda y: y[1] > 1) is None
     y = maybe(z[1] > 0, z, k)
     f = ca.Function("f", [z, k], [maybe(y[1] > 0, y, k + 1)], ["z", "k"], ["z_next"])
-    assert find_while_loop(f, _branches, lambda g: None) is None
+    assert find_while_loop(f, lambda g: None) is None
     f = ca.Function("f", [z, k], [once(once(z, k), k)], ["z", "k"], ["z_next"])
-    assert find_while_loop(f, _branches, lambda g: None) is None
+    assert find_while_loop(f, lambda g: None) is None
 
 
 def test_names_of_the_python_that_wrote_it(tmp_path):
@@ -234,17 +232,17 @@ def test_large_arrays_lie_in_the_state_where_they_are_much(tmp_path, monkeypatch
     monkeypatch.setattr(scratch, "DEEPEST", 30)
     moved = scratch.off_stack(made.made, called, work)
     assert lines_of(moved.lines) == ["f(in->x, in->k, now->y, &now->size, work);"]
-    assert moved.numbers == sum(n for rows in moved.arrays.values() for _, n in rows) > 30
+    assert sum(n for rows in moved.arrays.values() for _, n in rows) > 30
     for function, node in moved.made.items():
         text = file_text([node])
         assert set(re.findall(r"work->(\w+)", text)) <= {function}
         assert not re.search(r"double \w+\[30\];", text)
-    structs = "\n".join(scratch.structs(moved.arrays, "W", "double"))
+    structs = "\n".join(scratch.structs(moved.arrays, "W", "double", []))
     declared = ", ".join(["const double *x", "double k", "double *y", "double *size"])
     body = ["static struct W w;", "f(x, k, y, size, &w);"]
     functions = {**moved.made, "outer": define(f"static void outer({declared})", body)}
     given = numbers(f)
-    found = run(f, given, tmp_path, functions, "outer", made.helpers, structs)
+    found = run(f, given, tmp_path, functions, "outer", structs)
     for value, true in zip(found, f.call(given), strict=True):
         np.testing.assert_array_equal(value, np.array(true).ravel(order="F"))
     assert all(a < b for a, b in pairwise([0, len(moved.arrays)]))

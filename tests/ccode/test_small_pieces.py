@@ -191,7 +191,7 @@ def test_each_state_with_a_range_is_asked_whatever_stands_before_it() -> None:
 
 
 def test_start_values_are_computed_after_those_that_they_use() -> None:
-    lines, _ = fmu_source._starts(Plan(started))
+    lines = fmu_source._starts(Plan(started))
     text = "".join(lines_of(lines))
     given = [f"if (!m->given[{k}]) {{ m->state.kept.{s}" for k, s in ((3, "c"), (2, "b"), (1, "a"))]
     places = [text.index(g) for g in given]

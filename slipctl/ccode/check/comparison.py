@@ -25,6 +25,7 @@ from slipctl.ccode.compile import compilers as cc
 from slipctl.ccode.compile.module import CModule
 from slipctl.ccode.compile.programs import run_program, scratch_folder
 from slipctl.ccode.module.header import bit, memory_bytes, prototypes
+from slipctl.ccode.module.layout import spans
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes.precision import round_to_real
 from slipctl.errors import BadInput, RunFailed
@@ -191,7 +192,7 @@ def reference(
     if off.any():
         first = int(np.argmax(off.any(axis=1)))
         k = int(np.argmax(off[first]))
-        name = next(n for at, n in _ends_of(plan) if k < at)
+        name = next(m.name for m, here in spans(plan.layout.states) if k < here.stop)
         if whole:
             raise RunFailed(
                 f"{block.name}: {name} = {states[first, k]:g} leaves its declared range"
@@ -205,15 +206,6 @@ def _pieces(gaps: np.ndarray | None, ticks: int) -> list[tuple[int, int]]:
     ends = [] if gaps is None else [int(k) + 1 for k in np.flatnonzero(gaps)]
     ends += [ticks] * (not ends or ends[-1] < ticks)
     return list(zip([0, *ends], ends, strict=False))
-
-
-def _ends_of(plan: Plan) -> list[tuple[int, str]]:
-    """Where each state ends among the elements."""
-    at, found = 0, []
-    for m in plan.layout.states:
-        at += m.size
-        found.append((at, m.name))
-    return found
 
 
 def _followed(column: np.ndarray, change: float) -> np.ndarray:

@@ -30,16 +30,9 @@ def run_sanitizers(plan: Plan, folder: Path, compiler: str) -> tuple[str, bool]:
         passes.
     """
     n, program = plan.name, folder / f"sanitized_{plan.name}"
-    command = [
-        *cc.lenient_command(compiler),
-        QUICK,
-        *SANITIZERS,
-        f"{n}.c",
-        f"test_{n}.c",
-        "-o",
-        program,
-    ]
-    if run_program([*command, "-lm"], folder).returncode:
+    sources = [f"{n}.c", f"test_{n}.c", "-o", program, "-lm"]
+    command = [*cc.lenient_command(compiler), QUICK, *SANITIZERS, *sources]
+    if run_program(command, folder).returncode:
         return f"not run, {Path(compiler).name} has no sanitizers", True
     ran = run_program([program, "vectors.txt"], folder)
     found = re.search(r"runtime error: .*|ERROR: AddressSanitizer: \S+", ran.stderr)

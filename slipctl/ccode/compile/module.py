@@ -14,7 +14,7 @@ from slipctl.block.block import Block
 from slipctl.ccode.compile.compilers import TOLD, compile_object, compilers, link
 from slipctl.ccode.compile.state_numbers import numbers_of, take_numbers
 from slipctl.ccode.compile.template import fill_template
-from slipctl.ccode.module.layout import Member, c_elements, matrix
+from slipctl.ccode.module.layout import Member, c_elements, matrix, spans
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes.precision import size
 from slipctl.errors import BadInput, RunFailed, nearest
@@ -128,11 +128,9 @@ class CModule:
         self._need_load()
         self._call("default", self._param)
         values = self.block.param_values(**params) if params else {}
-        at = 0
-        for m in self._plan.layout.params:
+        for m, here in spans(self._plan.layout.params):
             if m.name in params:
-                self._param[at : at + m.size] = c_elements(m, values[m.name])
-            at += m.size
+                self._param[here] = c_elements(m, values[m.name])
         self.status = int(self._call("init", self._param, self._state))
         return self
 
@@ -226,11 +224,10 @@ class CModule:
         before = self._param.copy(), self._state.copy()
         try:
             self.reset(**{k: v for k, v in numbers.items() if k in self.block.params})
-            states, at = self._numbers(), 0
-            for m in self._plan.layout.states:
+            states = self._numbers()
+            for m, here in spans(self._plan.layout.states):
                 if m.name in numbers:
-                    states[at : at + m.size] = c_elements(m, numbers[m.name])
-                at += m.size
+                    states[here] = c_elements(m, numbers[m.name])
             self._lib.bind_take(*(a.ctypes.data_as(_VOID) for a in (states, self._state)))
             y = self.step(**{k: v for k, v in numbers.items() if k in self.block.inputs})
             return y if self.block.kind == "law" else (self.state, y)
@@ -245,13 +242,11 @@ class CModule:
                 raise BadInput(
                     f"{self.block.name} has no input {n!r}{nearest(n, self.block.inputs)}"
                 )
-        at = 0
-        for m in self._plan.layout.inputs:
+        for m, here in spans(self._plan.layout.inputs):
             value = inputs.get(m.name, m.signal.value)
             if value is None:
                 raise BadInput(f"{self.block.name} needs the input {m.name} [{m.signal.unit}]")
-            row[at : at + m.size] = c_elements(m, value)
-            at += m.size
+            row[here] = c_elements(m, value)
         return row
 
     def _need_load(self) -> None:
@@ -314,10 +309,8 @@ def _elements(m: Member, array: np.ndarray) -> np.ndarray:
 
 def _columns(members: tuple[Member, ...], rows: np.ndarray) -> dict[str, np.ndarray]:
     found: dict[str, np.ndarray] = {}
-    at = 0
-    for m in members:
-        piece = rows[:, at : at + m.size]
-        at += m.size
+    for m, here in spans(members):
+        piece = rows[:, here]
         if len(m.signal.shape) == 2:
             height, width = matrix(m.signal)
             piece = piece.reshape(len(rows), width, height).transpose(0, 2, 1)

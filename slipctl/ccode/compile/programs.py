@@ -31,7 +31,7 @@ def find_program(name: str, option: str, package: str, what: str = "") -> str:
 
 
 def run_program(
-    command: Sequence[str | Path], folder: Path | None = None, **more: Any
+    command: Sequence[object], folder: Path | None = None, **more: Any
 ) -> subprocess.CompletedProcess[str]:
     """Run a program to its end, in a folder, and take what it says."""
     return subprocess.run(

@@ -8,8 +8,7 @@ from typing import Any
 
 from slipctl.ccode.module import guard
 from slipctl.ccode.module.comments import comment
-from slipctl.ccode.module.header import prototype
-from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.layout import Member, spans
 from slipctl.ccode.module.plan import Ends, Plan
 from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import number
@@ -26,21 +25,16 @@ def check_inputs(plan: Plan) -> list[Node]:
     lines: list[str | Node] = [*known]
     good = " && ".join(["(guard->fresh != 0U)", *_all_good(lay.inputs, ends)])
     lines += ["unsigned int told = 0U;", if_(good, "guard->last = *in;", "return told;")]
-    at = 0
-    for m in lay.inputs:
+    for m, here in spans(lay.inputs):
+        at = here.start
         if m.signal.judged:  # by the block: it has to see what is wrong
             many = f"_all({m.address('in->')}, {m.size}, {m.address('guard->last.')}"
             one = f"({m.at('in->', 0)}, &{m.at('guard->last.', 0)}"
             lines.append(f"told |= hand_over{many if m.size > 1 else one});")
-            at += m.size
             continue
+        stale = str(math.ceil(m.signal.stale))
         each = [
-            ", ".join(
-                [
-                    *(ends[m.c, k, what] for what in Ends._fields),
-                    str(math.ceil(m.signal.stale)),
-                ]
-            )
+            ", ".join([*(ends[m.c, k, what] for what in Ends._fields), stale])
             for k in range(m.size)
         ]
         if m.size > 1 and len(set(each)) == 1:
@@ -52,13 +46,12 @@ def check_inputs(plan: Plan) -> list[Node]:
                 own = f"&guard->age[{at + k}], &guard->back[{at + k}]"
                 last = f"&{m.at('guard->last.', k)}, {own}"
                 lines.append(f"told |= accept({m.at('in->', k)}, {given}, {last});")
-        at += m.size
     lines += ["guard->fresh = 0U;", if_("told == 0U", "guard->fresh = 1U;")]
     what = comment("Take the inputs, of one that is bad its last good value; bits of the status.")
     used = [*known, *map(expression, ends.values())]
-    signature = prototype(plan, "static unsigned int", "check_inputs", f"const {n}_in *in",
-                          *_types(plan, used), f"struct {n}_guard *guard")  # fmt: skip
-    return [define(signature, [*lines, "return told % UNSURE;"], what)]
+    structs = [f"const {n}_in *in", *_types(plan, used), f"struct {n}_guard *guard"]
+    lines.append("return told % UNSURE;")
+    return [define("static unsigned int check_inputs", lines, what, structs)]
 
 
 def _known(plan: Plan) -> tuple[list[Node], dict[Any, str]]:
@@ -69,18 +62,17 @@ def _known(plan: Plan) -> tuple[list[Node], dict[Any, str]]:
     lines, ends = plan.ends_text(plan.layout.inputs, last=True)
     read = {n.text for end in ends.values() for n in expression(end).walk()}
     read |= {n.text for line in lines for n in line.walk() if n.kind in ("member", "index")}
-    made, known, at = dict[str, Node](), list[Node](), 0
-    for m in plan.layout.inputs:
+    made, known = dict[str, Node](), list[Node]()
+    for m, here in spans(plan.layout.inputs):
         for k in range(m.size):
             last = m.at("guard->last.", k)
             if last in read:
                 name = f"known_{m.c}" + f"_{k}" * (m.size > 1)
                 made[last] = c.name(name)
-                age = f"guard->age[{at + k}]"
+                age = f"guard->age[{here.start + k}]"
                 there = f"({age} >= 0) && ({age} < FORGOTTEN)"
                 given = expression(f"({there}) ? {last} : {m.at('in->', k)}")
                 known.append(c.declare("const double", name, given))
-        at += m.size
 
     def rule(n: Node) -> Node | None:
         return made.get(n.text) if n.kind in ("member", "index") else None
@@ -164,23 +156,17 @@ def part_off(plan: Plan) -> list[Node]:
     lines, ends = plan.ends_text(members)
     tests: list[Node] = []
     for k, own in enumerate(plan.parts.values(), start=1):
-        found: list[str] = []
-        for m in own:
-            if not plan.ranged(m):
-                continue
-            each = [f"{ends[m.c, i, 'lo']}, {ends[m.c, i, 'hi']}" for i in range(m.size)]
-            if m.size == 1:
-                found.append(f"within({m.at('x->', 0)}, {each[0]})")
-            elif len(set(each)) == 1:
-                found.append(f"all_within(x->{m.c}, {m.size}, {each[0]})")
-            else:
-                found += [f"within({m.at('x->', i)}, {e})" for i, e in enumerate(each)]
+        found = [
+            test for m in own if plan.ranged(m)
+            for test in _all_within(
+                m, "x->", [f"{ends[m.c, i, 'lo']}, {ends[m.c, i, 'hi']}" for i in range(m.size)]
+            )
+        ]  # fmt: skip
         if found:
             tests.append(if_(f"!({' && '.join(found)})", f"return {k};"))
     what = comment("The first part of which a next state is out of its range, 0 for none.")
     given = [f"const struct {plan.name}_kept *x", *_types(plan, [*lines, *tests])]
-    signature = prototype(plan, "static int", "part_off", *given)
-    return [define(signature, [*lines, *tests, "return 0;"], what)]
+    return [define("static int part_off", [*lines, *tests, "return 0;"], what, given)]
 
 
 def recover(plan: Plan) -> list[Node]:
@@ -213,9 +199,8 @@ def recover(plan: Plan) -> list[Node]:
         " out of its range is put to its start. After as many more it is one part after the other:"
         f" {order}. Then it is all of it."
     )
-    signature = prototype(plan, "static unsigned int", "recover", f"const {n}_param *param",
-                          f"{n}_state *state", "int off")  # fmt: skip
-    return [define(signature, lines, what)]
+    given = [f"const {n}_param *param", f"{n}_state *state", "int off"]
+    return [define("static unsigned int recover", lines, what, given)]
 
 
 def catch_up(plan: Plan) -> list[Node]:
@@ -233,9 +218,7 @@ def catch_up(plan: Plan) -> list[Node]:
         "Ticks that were refused count for the parts that run every few ticks: they go on in step"
         " with the others."
     )
-    signature = prototype(plan, "static void", "catch_up", f"struct {plan.name}_kept *x",
-                          missed)  # fmt: skip
-    return [define(signature, lines, what)]
+    return [define("static void catch_up", lines, what, [f"struct {plan.name}_kept *x", missed])]
 
 
 def finite(plan: Plan) -> list[Node]:
@@ -252,7 +235,7 @@ def finite(plan: Plan) -> list[Node]:
             continue
         given = with_results(plan, arguments, places)
         lines = _zero(places)
-        made.append(define(prototype(plan, "static bool", name, *given), lines))
+        made.append(define(f"static bool {name}", lines, given=given))
     return made
 
 
@@ -318,24 +301,22 @@ def limit_outputs(plan: Plan) -> list[Node]:
         else:
             calls += [f"limit(&{m.at('out->', k)}, {e})" for k, e in enumerate(each)]
     lines.append(c.give(expression(" | ".join(calls))))
-    signature = prototype(plan, "static unsigned int", "limit_outputs",
-                          *_types(plan, lines), f"{plan.name}_out *out")  # fmt: skip
+    given = [*_types(plan, lines), f"{plan.name}_out *out"]
     what = comment("Put outputs into their ranges; a bit of the status.")
-    return [define(signature, lines, what)]
+    return [define("static unsigned int limit_outputs", lines, what, given)]
 
 
-def _ends(plan: Plan, m: Member) -> tuple[str, str]:
-    """Least and greatest number of a signal, in C."""
-    lo, hi = plan.limits(m)
-    return (
-        number(lo) if math.isfinite(lo) else "-DBL_MAX",
-        number(hi) if math.isfinite(hi) else "DBL_MAX",
-    )
+def _all_within(m: Member, pointer: str, ends: Sequence[str]) -> list[str]:
+    """Conditions that all elements lie between their ends; one where these are the same."""
+    if m.size > 1 and len(set(ends)) == 1:
+        return [f"all_within({pointer}{m.c}, {m.size}, {ends[0]})"]
+    return [f"within({m.at(pointer, k)}, {e})" for k, e in enumerate(ends)]
 
 
 def range_condition(plan: Plan, m: Member, pointer: str) -> str:
     """Condition: a finite number in the range of the signal."""
-    lo, hi = _ends(plan, m)
-    if m.size == 1:
-        return f"within({m.at(pointer, 0)}, {lo}, {hi})"
-    return f"all_within({pointer}{m.c}, {m.size}, {lo}, {hi})"
+    lo, hi = plan.limits(m)
+    least = number(lo) if math.isfinite(lo) else "-DBL_MAX"
+    most = number(hi) if math.isfinite(hi) else "DBL_MAX"
+    (found,) = _all_within(m, pointer, [f"{least}, {most}"] * m.size)
+    return found

@@ -212,8 +212,8 @@ def _state(plan: Plan) -> str:
         lines += ["};", ""]
     what = "State: set by init, changed by step; a copy of the struct saves an instance."
     lines += [comment(what), f"typedef struct {n}_state {{"]
-    for m in state_members(plan):
-        lines.append(f"    {m.kind} {m.name};{f' /* {m.told} */' * bool(m.told)}")
+    for s in state_members(plan):
+        lines.append(f"    {s.kind} {s.name};{f' /* {s.told} */' * bool(s.told)}")
     return "\n".join([*lines, f"}} {n}_state;"])
 
 
@@ -291,11 +291,6 @@ def _kept(plan: Plan) -> list[str]:
     return [*lines, what, f"struct {plan.name}_kept {{", *whole, "};", ""]
 
 
-def prototype(plan: Plan, result: str, function: str, *arguments: str) -> str:
-    """Declaration of a function of the module, wrapped."""
-    return signature(result, function, arguments)
-
-
 def prototypes(plan: Plan) -> dict[str, str]:
     """Declarations of the functions of the module, by their short names."""
     n = plan.name
@@ -309,7 +304,7 @@ def prototypes(plan: Plan) -> dict[str, str]:
     if plan.block.composition.split:
         arguments["prepare"] = arguments["step"][:-1]
         arguments["feedback"] = arguments["step"]
-    texts = {k: prototype(plan, a[0], f"{n}_{k}", *a[1:]) for k, a in arguments.items()}
+    texts = {k: signature(a[0], f"{n}_{k}", a[1:]) for k, a in arguments.items()}
     texts |= rates.prototypes(plan) if plan.rates else {}
     return texts | ({"step_counted": tick_counter.prototype(plan)} if plan.counter else {})
 

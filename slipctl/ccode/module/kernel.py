@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-
-import casadi as ca
 
 from slipctl.block.block import Block
 from slipctl.block.fields import VectorNames
 from slipctl.ccode.module.parts import Parts
 from slipctl.ccode.module.wires import Place, Wires
-from slipctl.ccode.passes.precision import tolerant
 from slipctl.ccode.passes.scratch import Arrays, off_stack
 from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.casadi_text import StaticC, static_c
 from slipctl.ccode.tree.expressions import FINITE
 from slipctl.ccode.tree.functions import Functions
-from slipctl.ccode.tree.helpers import helpers
 from slipctl.ccode.tree.nodes import Node
 
 KERNEL = ("---- text of CasADi's generator from here ----", "---- end of CasADi's text ----")
@@ -35,7 +31,6 @@ class Kernel:
         static: definitions of CasADi that the parts need, in order; where there are some, the parts
             tell in ``work->failed`` whether they came to an end.
         work: sizes of arg, res, iw, w.
-        helpers: functions of ``HELPERS`` that are called.
         copied: whether text of CasADi's templates is in it.
         letters: names that locals have from the model.
         functions: C functions that ``lines`` call, by name: those of the parts, and what they call.
@@ -49,7 +44,6 @@ class Kernel:
     finite: frozenset[tuple[int, int]] = frozenset()
     static: tuple[Node, ...] = ()
     work: tuple[int, int, int, int] = (0, 0, 0, 0)
-    helpers: frozenset[str] = field(default_factory=frozenset)
     copied: bool = False
     functions: Mapping[str, Node] = field(default_factory=dict)
     letters: frozenset[str] = frozenset()
@@ -69,7 +63,6 @@ def by_parts(
     types: Mapping[str, Node],
     results: Sequence[Place],
     docs: Mapping[str, str],
-    can_be: Callable[[Place, int], int],
     vector_names: VectorNames,
 ) -> Kernel:
     """Make the C text of a block, a function for each of its parts.
@@ -80,14 +73,13 @@ def by_parts(
         types: declaration of each struct that a function may be given, by its name.
         results: places of next states and outputs, in order.
         docs: comment by name of a nested Function.
-        can_be: what an element of an argument can be.
         vector_names: what numbers in the vectors of Functions are.
 
     Raises:
         BadInput: CasADi cannot generate an operation, or not without library, heap or globals.
     """
-    functions = Functions(_branches, docs, vector_names=vector_names)
-    parts = Parts(functions, types, can_be)
+    functions = Functions(docs, vector_names=vector_names)
+    parts = Parts(functions, types)
     parts.add(block, "", wires)
     made, lines, outside = functions.made | parts.made, list(parts.lines), StaticC()
     if parts.outside:
@@ -100,28 +92,10 @@ def by_parts(
         placed.lines,
         {(i, k): parts.results[m.c, p, k] for i, m, p, k in places},
         frozenset((i, k) for i, m, p, k in places if parts.known.get((m.c, p, k)) == FINITE),
-        outside.made, outside.work, frozenset(functions.helpers | outside.helpers), outside.copied,
+        outside.made, outside.work, outside.copied,
         placed.made, frozenset(functions.letters), parts.ticks, placed.arrays, functions.enums,
     )  # fmt: skip
     sz_arg, sz_res, sz_iw, sz_w = outside.work
     if parts.outside:
         sz_iw, sz_w = max(sz_iw, 1), max(sz_w, 1)
     return replace(found, work=(sz_arg, sz_res, sz_iw, sz_w + found.in_arrays))
-
-
-def _branches(g: ca.Function) -> tuple[ca.Function, ca.Function] | None:
-    """What an if_else Function evaluates if true and otherwise; None of another Function."""
-    if g.class_name() != "Switch":
-        return None
-    found = g.info()
-    others = found["f"]
-    return (found["f_def"], others[0]) if len(others) == 1 else None
-
-
-def definitions(made: Kernel, real: str) -> list[Node]:
-    """Helper functions and definitions of CasADi that the parts need."""
-    found = helpers(made.helpers)
-    if made.static:
-        static = [tolerant(n) for n in made.static] if real == "float" else made.static
-        found += [c.remark(KERNEL[0]), *static, c.remark(KERNEL[1])]
-    return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
@@ -18,6 +18,7 @@ from slipctl.block.signals import Signal
 from slipctl.ccode.module.comments import ascii_text
 from slipctl.ccode.passes.precision import size
 from slipctl.ccode.tree.expressions import number
+from slipctl.ccode.tree.helpers import all_helpers
 from slipctl.ccode.tree.nodes import Node, assign
 from slipctl.ccode.tree.parser import code, expression
 from slipctl.errors import BadInput
@@ -36,14 +37,12 @@ KEYWORDS = frozenset(_C_WORDS.split())
 _LOCAL_WORDS = """
 in out param state next now status arg res iw w mem exp log pow sqrt sin cos tan asin acos atan
 atan2 sinh cosh tanh asinh acosh atanh floor ceil fmod remainder fabs copysign erf erfc log1p expm1
-hypot gamma lgamma tgamma j0 j1 jn y0 y1 yn square lesser greater below above at_most at_least
-sign_of equations failed limited limit limit_all param_ok in_finite result_finite zero_of within
-all_within all_can_follow can_follow fill copy hold safe reached main accept accept_all check_inputs
-states_within start recover guard part part_off off refused told in_force used limit_outputs
-start_outputs mark fresh rising derived work own defaults untouched good whole which
-INITIALISED UNSURE FORGOTTEN PATIENCE
+hypot gamma lgamma tgamma j0 j1 jn y0 y1 yn equations failed limited param_ok in_finite
+result_finite hold safe main check_inputs states_within start recover guard part part_off off
+refused told in_force used limit_outputs start_outputs mark fresh derived work own defaults
+untouched good whole which INITIALISED UNSURE FORGOTTEN PATIENCE
 """
-LOCAL = frozenset((*_LOCAL_WORDS.split(), "i", "j", "k"))
+LOCAL = frozenset((*_LOCAL_WORDS.split(), *all_helpers(), "i", "j", "k"))
 """Names that mean something inside the generated functions; loops count by the last three."""
 
 
@@ -111,6 +110,14 @@ class Member:
         """Declaration inside a struct, by its C name or another, in this precision."""
         name = name or self.c
         return f"{real} {name};" if self.scalar else f"{real} {name}[{self.size}];"
+
+
+def spans(members: Iterable[Member]) -> Iterator[tuple[Member, slice]]:
+    """Each member with its place in a row of the elements of all."""
+    end = 0
+    for m in members:
+        end += m.size
+        yield m, slice(end - m.size, end)
 
 
 @dataclass(frozen=True)

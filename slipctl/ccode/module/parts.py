@@ -7,7 +7,7 @@ and outputs there. Its equations are those of its own block, with the letters of
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -43,7 +43,15 @@ from slipctl.ccode.passes.local_names import name_locals
 from slipctl.ccode.passes.member_results import copy_statements, place_locals
 from slipctl.ccode.passes.rolled_loops import roll_lines
 from slipctl.ccode.tree import nodes as c
-from slipctl.ccode.tree.expressions import ANY, FINITE, Unsupported, Writer, constant, number
+from slipctl.ccode.tree.expressions import (
+    ANY,
+    FINITE,
+    NUMBER,
+    Unsupported,
+    Writer,
+    constant,
+    number,
+)
 from slipctl.ccode.tree.functions import Functions
 from slipctl.ccode.tree.graph import free_name
 from slipctl.ccode.tree.loops import passed_on
@@ -61,7 +69,6 @@ class Parts:
     Attributes:
         functions: named functions that the parts call.
         types: declaration of each struct that a part may be given, by its name.
-        can_be: what (C name, pointer, element) can be.
         made: function of each part by its C name.
         lines: the calls, in the order of the wires.
         ticks: from one run of a part to the next, where it is not 1, by its C name; of copies that
@@ -72,7 +79,6 @@ class Parts:
 
     functions: Functions
     types: Mapping[str, Node]
-    can_be: Callable[[Place, int], int]
     made: dict[str, Node] = field(default_factory=dict)
     lines: list[Node] = field(default_factory=list)
     ticks: dict[str, int] = field(default_factory=dict)
@@ -146,7 +152,7 @@ class Parts:
         m, pointer = place
         if pointer == "now->":
             return min(self.known.get((m.c, pointer, i), ANY) for i in m.elements(k))
-        return self.can_be(place, k)
+        return NUMBER if pointer == "param->" else FINITE  # without a range it may be infinite
 
     def _made(self, place: Place, k: int, node: Node, can_be: int | None = None) -> None:
         """Remember what an element is, in each copy."""
@@ -414,7 +420,6 @@ class Parts:
             f, lambda i, k: self._read(places, i, k), local, itertools.count(1),
             can_be=lambda i, k: self._given(places, i, k), shown=len(rows),
         ).run()  # fmt: skip
-        self.functions.helpers |= set(writer.helpers)
         chosen = {text: writer.condition(writer.results[i][1]) for i, text in enumerate(rows)}
         then = free_name("then", {*taken, *local.values()})
         (now,), (to,), (told,) = (
@@ -451,7 +456,6 @@ class Parts:
             f, lambda i, k: self._read(places, i, k), local, itertools.count(1),
             can_be=lambda i, k: self._given(places, i, k), shown=shown, known=len(known),
         ).run()  # fmt: skip
-        self.functions.helpers |= set(writer.helpers)
         lines = list(writer.lines)
         for (i, k), node in writer.results:
             (m, pointer), _ = targets[i]

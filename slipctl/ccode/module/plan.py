@@ -26,12 +26,12 @@ from slipctl.ccode.module.layout import (
     of_each_copy,
     started_copies,
 )
-from slipctl.ccode.module.wires import Place, Wires
+from slipctl.ccode.module.wires import Wires
 from slipctl.ccode.passes.integers import with_integers
 from slipctl.ccode.passes.precision import check_real, round_to_real
 from slipctl.ccode.passes.rolled_loops import roll_lines
 from slipctl.ccode.tree import nodes as c
-from slipctl.ccode.tree.expressions import FINITE, NUMBER, Writer, number
+from slipctl.ccode.tree.expressions import Writer, number
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import code, expression
 from slipctl.errors import BadInput
@@ -92,7 +92,6 @@ class Plan:
         beside = [s for n, s in block.outputs.items() if n not in self.block.outputs]
         self.layout: Layout = layout(self.block, name or block.name, beside)
         self.name, self.period = self.layout.name, block.period or period
-        self.bound_helpers: set[str] = set()
         made, ticks = self._by_parts(), [m for m, _ in self.counters]
         self.equations, self.layout = with_integers(made, self.layout, ticks)
 
@@ -107,14 +106,11 @@ class Plan:
             {m.name: (m, "now->") for m in lay.signals},
         )  # fmt: skip
 
-        def can_be(place: Place, k: int) -> int:
-            return NUMBER if place[1] == "param->" else FINITE
-
         types = {k: _declared(text) for k, text in self.types.items()}
         named: VectorNames = {}
         for _, leaf in self.block.leaves():  # of several problems the first has names
             named = {**leaf.composition.vector_names, **named}
-        return by_parts(self.whole, wires, types, self.results, self.docs, can_be, named)
+        return by_parts(self.whole, wires, types, self.results, self.docs, named)
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -285,7 +281,6 @@ class Plan:
         f = ca.Function("ends", list(symbols.values()), results)
         members_ = [places[s.name] for s in read]
         writer = Writer(f, lambda i, k: members_[i][0].node(members_[i][1], k)).run()
-        self.bound_helpers |= set(writer.helpers)
         at = dict(writer.results)
         return list(writer.lines), texts | {
             key: writer.result(at[i, 0]).text for i, key in enumerate(keys)

@@ -261,8 +261,7 @@ def _groups(plan: Plan, row: Sequence[Group]) -> list[Node]:
             what = comment("Parts that run " + (
                 "in every tick." if g.ticks == 1 else f"every {g.ticks}th tick."))  # fmt: skip
             given = [plan.types[p] for p in _used(g)]
-            head = signature("static void", f"parts_of_{g.name}", given)
-            found.append(define(head, g.calls, what))
+            found.append(define(f"static void parts_of_{g.name}", g.calls, what, given))
     return found
 
 
@@ -303,4 +302,4 @@ def _go_on(plan: Plan, row: Sequence[Group], looked: Sequence[str]) -> Node:
         " is none or it has come as far already. Gives what is known of its status."
     )
     given = [f"const {n}_in *in", f"{n}_state *state", "double groups"]
-    return define(signature("static unsigned int", "go_on", given), lines, what)
+    return define("static unsigned int go_on", lines, what, given)

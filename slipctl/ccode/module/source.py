@@ -24,13 +24,13 @@ from slipctl.ccode.module.guard_functions import (
     recover,
     with_results,
 )
-from slipctl.ccode.module.header import head, prototype, prototypes
-from slipctl.ccode.module.kernel import definitions
+from slipctl.ccode.module.header import head as first_comment
+from slipctl.ccode.module.header import prototypes
+from slipctl.ccode.module.kernel import KERNEL
 from slipctl.ccode.module.layout import Member, c_elements, own_name
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.module.small import small_functions
 from slipctl.ccode.passes.part_structs import nest_parts
-from slipctl.ccode.passes.precision import in_precision
+from slipctl.ccode.passes.precision import in_precision, tolerant
 from slipctl.ccode.passes.scratch import in_section
 from slipctl.ccode.passes.split_step import equations_call, prepare, take_state
 from slipctl.ccode.tree import nodes as c
@@ -57,30 +57,31 @@ def sources(plan: Plan, section: str | None = None) -> dict[str, str]:
     around = [f for make in made for f in make(plan)]
     around += tick_counter.functions(plan, _hold_call(plan)) if plan.counter else []
     parts, around = nest_parts(plan.layout, plan.equations.functions, around)
-    small = small_functions(parts.values())
+    static = [tolerant(n) if plan.real == "float" else n for n in plan.equations.static]
+    shared = helpers([*parts.values(), *static])
+    if static:
+        static = [c.remark(KERNEL[0]), *static, c.remark(KERNEL[1])]
     bits = {
         f"{bit}_": expression(f"(unsigned int){plan.layout.big}_{bit}")
         for bit in ("OFF_RANGE", "BAD_INPUT", "REFUSED", "LIMITED")
     }
-    tests = c.swap_all(small_functions(around, small), bits)
-    of_ranges = {*plan.start.helpers, *plan.bound_helpers}
+    tests = c.swap_all(helpers(around, shared), bits)
     named = c.words([*tests, *around])
     forgotten = int(guard.memory(plan.period, plan.stale))
     before = [c.raw(_NAN_IS_SEEN), c.raw("\n".join(
         f"#define {name} {value or forgotten} /* {what} */"
         for name, (value, what) in guard.NUMBERS.items() if name in named
     ))]  # fmt: skip
-    shared = definitions(plan.equations, plan.real)
-    own = helpers(of_ranges - plan.equations.helpers)
 
     def finished(
         name: str, opening: Sequence[Node], libraries: Sequence[str], nodes: Iterable[Node]
     ) -> str:
         made = [in_precision(x, plan.real, plan.block.name) for x in nodes]
         made = made if section is None else [in_section(x, section) for x in made]
-        more = ["stddef"] * any("NULL" in x.words for x in made)
+        words = c.words(made)
+        more = [h for h, names in _MACROS.items() if names & words and h not in libraries]
         included = "\n".join(f"#include <{x}.h>" for x in (*libraries, *more))
-        return file_text([c.raw(head(plan, name)), *opening, c.raw(included), *made])
+        return file_text([c.raw(first_comment(plan, name)), *opening, c.raw(included), *made])
 
     openings = "\n".join(f'#include "{h}"' for h in headers)
     mark = f"{plan.layout.big}_PARTS_H"
@@ -90,11 +91,18 @@ def sources(plan: Plan, section: str | None = None) -> dict[str, str]:
     copied = "Functions casadi_... are copied from the templates of CasADi" \
              f" {ca.CasadiMeta.version()} (MIT-0, see LICENSE)."  # fmt: skip
     opening += [c.remark(copied)] * plan.equations.copied
-    whole = [*_enums(plan), *shared, *small, *parts.values(), c.raw(f"#endif /* {mark} */")]
+    whole = [*_enums(plan), *shared, *static, *parts.values(), c.raw(f"#endif /* {mark} */")]
     found = {headers[-1]: finished(headers[-1], opening, ["math", "stdbool"], whole)}
     libraries = ["float", "math", "stdbool"]
-    whole = [*before, *own, *tests, *around]
+    whole = [*before, *tests, *around]
     return found | {file: finished(file, [c.raw(openings)], libraries, whole)}
+
+
+_MACROS = {
+    "float": {"DBL_MIN", "DBL_MAX", "DBL_EPSILON", "FLT_MIN", "FLT_MAX", "FLT_EPSILON"},
+    "stddef": {"NULL"},
+}
+"""Headers by the macros that need them."""
 
 
 def _enums(plan: Plan) -> list[Node]:
@@ -131,11 +139,10 @@ def _equations(plan: Plan) -> list[Node]:
     given = ["in", "param", *["derived"] * bool(plan.layout.derived)]
     given += [*["state", "next"] * bool(plan.layout.states), "now", *["work"] * plan.work_in_state]
     voids = [c.mark_unused(a) for a in given if a not in used]
-    result = "static int" if plan.can_fail else "static void"
-    signature = prototype(plan, result, "equations", *(plan.types[a] for a in given))
+    head = f"static {'int' if plan.can_fail else 'void'} equations"
     told = f"The parts, in the order of the wires of {plan.block.name}"
     what = comment(f"{told}; {n}.h says where they come from.")
-    return [define(signature, [*voids, *lines], what)]
+    return [define(head, [*voids, *lines], what, (plan.types[a] for a in given))]
 
 
 # ---- parameters and start -----------------------------------------------------------------------
@@ -222,9 +229,9 @@ def _start(plan: Plan) -> list[Node]:
     if computed:
         told += " Whether what is computed of it is in its range."
         lines += code(f"return {' && '.join(computed)};")
-    signature = prototype(plan, f"static {'bool' if computed else 'void'}", "start",
-                          plan.types["param"], f"struct {n}_kept *state", "int part")  # fmt: skip
-    return [define(signature, [*void, *lines], comment(told))]
+    head = f"static {'bool' if computed else 'void'} start"
+    given = [plan.types["param"], f"struct {n}_kept *state", "int part"]
+    return [define(head, [*void, *lines], comment(told), given)]
 
 
 def _begun(plan: Plan, members: Sequence[Member]) -> list[Node]:

@@ -72,8 +72,6 @@ def functions(plan: Plan, hold: str) -> list[Node]:
         ]
         body = [*older * bool(plan.n_in), *["guard->missed += ticks;"] * bool(plan.counters)]
         what = comment("So many ticks went by without a call: inputs are that much older.")
-        head = signature(
-            "static void", "missed", [f"struct {n}_guard *guard", "unsigned int ticks"]
-        )
-        made.insert(0, define(head, body, what))
+        given = [f"struct {n}_guard *guard", "unsigned int ticks"]
+        made.insert(0, define("static void missed", body, what, given))
     return made

@@ -104,11 +104,9 @@ def with_integers(
     except _Otherwise:
         known.counts = frozenset()
         *functions, lines = [_changed(body, known) for body in bodies]
-    called = c.called_functions([*functions, lines])
     new = replace(
-        made, functions=dict(zip(made.functions, functions, strict=True)), lines=lines.parts,
-        helpers=made.helpers & called,
-    )  # fmt: skip
+        made, functions=dict(zip(made.functions, functions, strict=True)), lines=lines.parts
+    )
     kinds = dict.fromkeys(known.members, "bool") | dict.fromkeys(known.modes, "int")
     kinds |= dict.fromkeys(known.counts, "unsigned int")
     return new, replace(layout, kinds=kinds)

@@ -11,19 +11,17 @@ The module itself has no addresses; a tool puts them in from the firmware's ELF 
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable
+from typing import NamedTuple
 
 from slipctl.ccode.module import guard
 from slipctl.ccode.module.comments import ascii_text, first_sentence
 from slipctl.ccode.module.header import CONTENT, place_in_state, statuses
-from slipctl.ccode.module.layout import Member, places_of
+from slipctl.ccode.module.layout import Member, places_of, spans
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes.precision import size
 from slipctl.ccode.tree.expressions import number
-
-_STRUCTS = ("in", "param", "state", "out")
 
 Methods = dict[str | tuple[str, ...], str]
 """Conversion by unit, or by the names of an enumeration."""
@@ -39,7 +37,8 @@ def a2l(plan: Plan) -> str:
 
     lay = plan.layout
     kind = "FLOAT64_IEEE" if plan.real == "double" else "FLOAT32_IEEE"
-    every = [*(m for g in _groups(plan).values() for m in g), *lay.derived, *lay.measured]
+    rows = _rows(plan)
+    every = [r.member for r in rows]
     units = sorted({m.signal.unit for m in every if not m.signal.values})
     methods: Methods = {u: f"CM_{k}" for k, u in enumerate(units)}
     blocks = [
@@ -60,29 +59,13 @@ def a2l(plan: Plan) -> str:
             f"/begin RECORD_LAYOUT RL_PLACES AXIS_PTS_X 1 {kind} INDEX_INCR DIRECT\n"
             "/end RECORD_LAYOUT"
         )
-    offset = 0
-    for m in lay.params:
-        blocks.append(_characteristic(plan, m, offset, methods))
-        offset += m.size * size(plan.real)
-    for struct, members in _groups(plan).items():
-        places = _offsets(members, size(plan.real))
-        if struct == "state" and members:
-            places = lay.kept_offsets(plan.real)
-        for m, offset in zip(members if struct != "param" else (), places, strict=False):
-            own = _type(plan, m, kind)
-            blocks.append(_measurement(plan, struct, m, offset, methods, own, _within(struct)))
     status = _status(plan, methods.setdefault("1", "CM_none"))
-    offset = place_in_state(plan, "derived") if lay.derived else 0
-    for m in lay.derived:
-        blocks.append(_measurement(plan, "state", m, offset, methods, kind, "derived."))
-        offset += m.size * size(plan.real)
-    for m, at in zip(lay.signals, lay.offsets(plan.real), strict=False):
-        if m in lay.measured:
-            own, offset = _type(plan, m, kind), place_in_state(plan, "measured")
-            blocks.append(_measurement(plan, "state", m, offset + at, methods, own, "measured."))
+    blocks += [_characteristic(plan, r.member, r.offset, methods)
+               for r in rows if r.struct == "param"]  # fmt: skip
+    blocks += [_measurement(plan, r, methods, kind) for r in rows if r.struct != "param"]
     blocks += _METHODS if "1" in units else [*_METHODS, _NONE]
     blocks += status.values()
-    blocks += _grouped(plan, list(status))
+    blocks += _grouped(plan, rows, list(status))
     body = "\n".join(blocks)
     return f"""ASAP2_VERSION 1 71
 /begin PROJECT {plan.name} {_quoted(first_sentence(plan.block.doc) or plan.block.name)}
@@ -108,26 +91,43 @@ def _choice(values: tuple[str, ...], k: int) -> list[str]:
     ]
 
 
-def _groups(plan: Plan) -> dict[str, tuple[Member, ...]]:
-    """Members by struct; of the state those that lie before what is derived and held."""
-    lay = plan.layout
-    return dict(zip(_STRUCTS, (lay.inputs, lay.params, lay.states, lay.outputs), strict=True))
+class _Row(NamedTuple):
+    """A member: its struct, where in this it lies, and bytes from the begin of the struct."""
+
+    struct: str
+    within: str
+    member: Member
+    offset: int
 
 
-def _offsets(members: Iterable[Member], width: int) -> list[int]:
-    """Bytes from the begin of a struct of numbers to each of its members."""
-    return [0, *itertools.accumulate(m.size * width for m in members)]
+def _rows(plan: Plan) -> list[_Row]:
+    """All that a tool may see."""
+    lay, width = plan.layout, size(plan.real)
+
+    def plain(members: Iterable[Member], begin: int = 0) -> list[int]:
+        return [begin + here.start * width for _, here in spans(members)]
+
+    derived = place_in_state(plan, "derived") if lay.derived else 0
+    begin = place_in_state(plan, "measured") if lay.measured else 0
+    measured = lay.offsets(plan.real)[len(lay.outputs) :] if lay.measured else []
+    groups = (
+        ("in", "", lay.inputs, plain(lay.inputs)),
+        ("param", "", lay.params, plain(lay.params)),
+        ("state", "kept.", lay.states, lay.kept_offsets(plan.real)),
+        ("out", "", lay.outputs, plain(lay.outputs)),
+        ("state", "derived.", lay.derived, plain(lay.derived, derived)),
+        ("state", "measured.", lay.measured, [begin + at for at in measured]),
+    )
+    return [
+        _Row(struct, within, m, at) for struct, within, members, places in groups
+        for m, at in zip(members, places, strict=False)
+    ]  # fmt: skip
 
 
 def _type(plan: Plan, m: Member, kind: str) -> str:
     """Type of a member, with numbers of this kind."""
     types = {"bool": "UBYTE", "int": "SLONG", "unsigned int": "ULONG"}
     return types.get(plan.layout.kind(m, plan.real), kind)
-
-
-def _within(struct: str) -> str:
-    """Where in its struct a member lies."""
-    return "kept." if struct == "state" else ""
 
 
 _NONE = '/begin COMPU_METHOD CM_none "1" IDENTICAL "%.9" "1"\n/end COMPU_METHOD'
@@ -180,22 +180,18 @@ def _status(plan: Plan, bare: str) -> dict[str, str]:
     return found
 
 
-def _grouped(plan: Plan, status: list[str]) -> list[str]:
+def _grouped(plan: Plan, rows: Iterable[_Row], status: list[str]) -> list[str]:
     """A group of each struct, of the status, and of each part of the block."""
-    lay = plan.layout
-    given = {s: [_name(plan, s, m, _within(s)) for m in g] for s, g in _groups(plan).items()}
-    more = [("state", m, "derived.") for m in lay.derived]
-    more += [("state", m, "measured.") for m in lay.measured]
-    for struct, m, within in more:
-        given.setdefault(within[:-1], []).append(_name(plan, struct, m, within))
-    groups = {("parameters" if s == "param" else s): names for s, names in given.items()}
-    groups["status"] = status
-    members = [*((s, m, _within(s)) for s, g in _groups(plan).items() for m in g),
-               *more]  # fmt: skip
-    for struct, m, within in members:
-        part = m.name.rpartition(".")[0]
-        if part:
-            groups.setdefault(f"part_{part}", []).append(_name(plan, struct, m, within))
+    groups: dict[str, list[str]] = {}
+    parts: dict[str, list[str]] = {}
+    for row in rows:
+        plain = "parameters" if row.struct == "param" else row.struct
+        title = plain if row.within in ("", "kept.") else row.within[:-1]
+        name = _name(plan, row.struct, row.member, row.within)
+        groups.setdefault(title, []).append(name)
+        if part := row.member.name.rpartition(".")[0]:
+            parts.setdefault(f"part_{part}", []).append(name)
+    groups |= {"status": status, **parts}
     texts = []
     for title, names in groups.items():
         kinds = {
@@ -289,13 +285,11 @@ def _axis(plan: Plan, places: Member, methods: Methods) -> str:
     )
 
 
-def _measurement(
-    plan: Plan, struct: str, m: Member, offset: int, methods: Methods, kind: str,
-    within: str = "",
-) -> str:  # fmt: skip
+def _measurement(plan: Plan, row: _Row, methods: Methods, kind: str) -> str:
+    m, kind = row.member, _type(plan, row.member, kind)
     method = "CM_said" if kind == "UBYTE" else _method(m, methods)
     return (
-        f"/begin MEASUREMENT {_name(plan, struct, m, within)} {_about(m)}\n"
-        f"  {kind} {method} 0 0 {_limits(plan, m)}\n  ECU_ADDRESS 0x{offset:X}"
-        f"{_dims(m, True)}{_link(plan, struct, offset)}\n/end MEASUREMENT"
+        f"/begin MEASUREMENT {_name(plan, row.struct, m, row.within)} {_about(m)}\n"
+        f"  {kind} {method} 0 0 {_limits(plan, m)}\n  ECU_ADDRESS 0x{row.offset:X}"
+        f"{_dims(m, True)}{_link(plan, row.struct, row.offset)}\n/end MEASUREMENT"
     )

@@ -7,8 +7,6 @@ do (Model Exchange, derivatives, clocks) is there and refuses.
 
 from __future__ import annotations
 
-import itertools
-
 import casadi as ca
 
 from slipctl.block.text.named_expressions import evaluate, names_in
@@ -17,9 +15,8 @@ from slipctl.ccode.compile.state_numbers import numbers_of, take_numbers
 from slipctl.ccode.compile.template import fill_template
 from slipctl.ccode.module.guard_functions import range_condition
 from slipctl.ccode.module.header import head
-from slipctl.ccode.module.layout import Member, dense_value, matrix
+from slipctl.ccode.module.layout import Member, dense_value, matrix, spans
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.module.small import small_functions
 from slipctl.ccode.passes.part_structs import nest_states
 from slipctl.ccode.passes.precision import in_precision
 from slipctl.ccode.tree import nodes as c
@@ -62,13 +59,12 @@ def core(plan: Plan, token: str, now: bool) -> str:
             word = "    if" if not lines else "    } else if"
             lines += [f"{word} ({condition}) {{", f"        found = (real *)&m->{member} + ({at});"]
     lines += ["    }"] if lines else ["    (void)m;", "    (void)k;"]
-    starts, called = _starts(plan)
+    starts = _starts(plan)
     tests = [
         expression(f"!{range_condition(plan, m, 'm->state.kept.')}")
         for m in lay.states
         if lay.kind(m, plan.real) == plan.real
     ]
-    functions = [*helpers(called), *small_functions(tests)]
 
     def real(n: Node) -> Node:
         return in_precision(nest_states(lay, n), plan.real, plan.block.name)
@@ -78,26 +74,25 @@ def core(plan: Plan, token: str, now: bool) -> str:
         access=numbers_of(lay, plan.real) + take_numbers(lay, plan.real),
         period=number(plan.period) if plan.period else "0.0", places="\n".join(lines),
         inputs=input_values(plan, "m->in."), starts="\n".join(lines_of(map(real, starts), " " * 8)),
-        helpers=file_text(map(real, functions)),
+        helpers=file_text(map(real, helpers([*starts, *tests]))),
         wrong="\n            || ".join(real(t).text for t in tests) or "false",
     )  # fmt: skip
 
 
-def _starts(plan: Plan) -> tuple[list[Node], set[str]]:
+def _starts(plan: Plan) -> list[Node]:
     """Statements that compute the start values that were not set from those that were.
 
     ``init`` of the module computes them from its own start values only. Each is computed after
-    those that it uses. Also the helpers that the statements call.
+    those that it uses.
     """
     block, lay = plan.block, plan.layout
     groups = ((lay.params, "m->param."), (lay.derived, "m->state.derived."),
               (lay.states, "m->state.kept."))  # fmt: skip
     places = {m.name: (m, pointer) for group, pointer in groups for m in group}
     symbols = {n: ca.SX.sym("x", *matrix(m.signal)) for n, (m, _) in places.items()}
-    ends_at = itertools.accumulate(m.size for m in lay.states)
-    first = {m.name: end - m.size for m, end in zip(lay.states, ends_at, strict=True)}
+    first = {m.name: here.start for m, here in spans(lay.states)}
     waiting = [m for m in lay.states if m.signal.derived]
-    lines, called = list[Node](), set[str]()
+    lines = list[Node]()
     while waiting:
         for m in list(waiting):
             value = str(m.signal.value)
@@ -111,9 +106,8 @@ def _starts(plan: Plan) -> tuple[list[Node], set[str]]:
                             {"cse": True})  # fmt: skip
             writer = _written(f, [places[n] for n in names])
             lines.append(_if_not_given(first[m.name], m, writer))
-            called |= set(writer.helpers)
             waiting.remove(m)
-    return lines, called
+    return lines
 
 
 def _written(f: ca.Function, places: list[tuple[Member, str]]) -> Writer:

@@ -183,7 +183,6 @@ class Arrays(Writer):
             if self.uses[k] > 1:
                 self._line(k)
             return
-        self.helpers.add("element")
         given = [address(base, offset), c.integer(node.detail), self._real_of(node.args[1])]
         made = c.call("element", given)
         self.values[k] = Value(made, ATOM)
@@ -194,7 +193,6 @@ class Arrays(Writer):
         """Whether it is the place that a search finds, or the next one: a whole number."""
         if node.op == ca.OP_LOW:
             base, offset = self._stored(node.args[0])
-            self.helpers.add("reached")
             name = self.names.get(k) or f"k{next(self.count)}"
             given = [address(base, offset), c.integer(node.detail), self._real_of(node.args[1])]
             self.lines.append(c.declare("const int", name, c.call("reached", given)))
@@ -329,7 +327,6 @@ class Arrays(Writer):
         bases = [self._address(v) for v in (x, y)]
         name, begun = self._begun(k, node, self._real_of(z).text != "0.0")
         called = "add_matrix_product" if begun else "matrix_product"
-        self.helpers.add(called)
         sizes = [c.integer(n) for n in (rows, inner, columns)]
         given = [bases[0], *sizes[:2], bases[1], sizes[2], name]
         self.lines.append(c.do(c.call(called, given)))
@@ -356,7 +353,6 @@ class Arrays(Writer):
             self.lines.append(array_of("static const int", name, map(c.integer, numbers)))
             places.append(c.name(name))
         to, _ = self._begun(k, node, True)
-        self.helpers.add("add_sparse_product")
         columns = c.integer(len(node.detail[0]) - 1)
         self.lines.append(c.do(c.call("add_sparse_product", [values, *places, columns, given, to])))
 
@@ -443,7 +439,6 @@ class Arrays(Writer):
             way = "lesser" if node.op == SMALLEST else "greater"
             if node.op != ca.OP_NORMINF:
                 start = expression(f"{'-' * (node.op == LARGEST)}(double)INFINITY")
-            self.helpers.add(way)
             turn = c.assign(name, c.call(way, [name, values[0]]))
         turn = turn or c.assign(name, values[0], "+=")
         self.lines += [c.declare("double", name, start), *loop(node.detail, turn)]

@@ -19,7 +19,6 @@ import casadi as ca
 from slipctl.ccode.module.comments import comment
 from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.expressions import Unsupported, Writer, constant
-from slipctl.ccode.tree.helpers import HELPERS
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import code, expression
 from slipctl.errors import BadInput
@@ -119,7 +118,6 @@ class StaticC:
     made: tuple[Node, ...] = ()
     entries: tuple[str, ...] = ()
     work: tuple[int, int, int, int] = (0, 0, 0, 0)
-    helpers: frozenset[str] = frozenset()
     copied: bool = False
 
 
@@ -149,14 +147,11 @@ def static_c(functions: Sequence[ca.Function], docs: Mapping[str, str], where: s
     new = {name: f"{signatures[name].partition(':')[0]}__{name[7:]}" for name in kept
            if name in signatures}  # fmt: skip
     own = [defined[name] if name in new else _runtime(defined[name]) for name in kept]
-    called = set[str]().union(*(n.calls() for n in own))
-    helpers = {_OWN[name] for name in called & set(_OWN)} & set(HELPERS)
-    helpers |= {h for name in kept if name in writers for h in writers[name].helpers}
     made = tuple(c.with_calls(n, new | _OWN) for n in own)
     sizes = [max(_sizes(whole, f"sz_{k}"), default=0) for k in ("arg", "res", "iw", "w")]
     return StaticC(
         made, tuple(new.get(w, w) for w in wrappers), (sizes[0], sizes[1], sizes[2], sizes[3]),
-        frozenset(helpers), len(new) < len(kept),
+        len(new) < len(kept),
     )  # fmt: skip
 
 

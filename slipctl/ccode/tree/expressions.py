@@ -17,7 +17,6 @@ import casadi as ca
 from slipctl.ccode.passes import ramp_tables
 from slipctl.ccode.passes.sums import Total, totals
 from slipctl.ccode.tree import nodes as c
-from slipctl.ccode.tree.helpers import HELPERS
 from slipctl.ccode.tree.nodes import Node as C
 from slipctl.ccode.tree.parser import expression
 
@@ -236,7 +235,6 @@ class Writer:
 
     Attributes:
         lines: statements, each a constant.
-        helpers: functions of ``HELPERS`` and of math.h that they call.
     """
 
     def __init__(
@@ -260,7 +258,6 @@ class Writer:
         self.pieces: dict[int, tuple[C, C]] = {}  # table -> row of C, ramp
         self.read_input, self.real = read_input, real
         self.lines: list[C] = []
-        self.helpers: set[str] = set()
         self.values: dict[int, Value] = {}
         self.count = itertools.count(1) if count is None else count
         self.names: dict[int, str] = {}
@@ -364,14 +361,12 @@ class Writer:
         if k in self.totals:
             self._total(k, self.totals[k])
             return
-        called = set(self.helpers)
         made = self._compose(node, self.signed[k])
         while len(made.c.text) > WIDTH:
             long = max(node.args, key=lambda a: len(self.values[a].c.text))
             if self.values[long].plain:
                 break
             self._line(long)
-            self.helpers = set(called)  # without those of what is thrown away
             made = self._compose(node, self.signed[k])
         self.values[k] = made
         named = k in self.names or (k in self.offered and len(made.c.text) > LONG)
@@ -397,7 +392,6 @@ class Writer:
             return
         x, name = self.atom(node.args[0]), f"t{next(self.count)}"
         table, at, ramp = self.tables[number_of], c.name(f"k{name[1:]}"), f"a{next(self.count)}"
-        self.helpers |= {"reached", "at_least", "at_most"}
         begin, long = c.name(f"{name}_at"), c.name(f"{name}_long")
         found = c.call("reached", [begin, c.integer(len(table.ramps)), x])
         risen = c.call("at_least", [c.op(x, "-", c.index(begin, at)), constant(0.0)])
@@ -456,7 +450,6 @@ class Writer:
         if op == ca.OP_TWICE:
             return Value(c.op(constant(2.0), "*", self._operand(a[0], _UNARY)), _PRODUCT)
         if op == _SLOPE:
-            self.helpers.add("slope_of_lesser")
             given = [self._real(self.values[k]) for k in a]
             return Value(c.call("slope_of_lesser", given), ATOM)
         if op == ca.OP_NOT:
@@ -491,6 +484,4 @@ class Writer:
             name, a = _BOUNDS[op][0], (a[1], a[0])
         elif op in _BOUNDS and self.can_be[a[1]]:
             name = _BOUNDS[op][1]
-        if name in HELPERS:
-            self.helpers.add(name)
         return Value(c.call(name, [self._real(self.values[k]) for k in a]), ATOM)

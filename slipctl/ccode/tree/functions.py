@@ -23,7 +23,6 @@ from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.arrays import Arrays
 from slipctl.ccode.tree.expressions import ANY, Unsupported, Writer
 from slipctl.ccode.tree.graph import argument_names, free_name, result_name, word
-from slipctl.ccode.tree.helpers import HELPERS
 from slipctl.ccode.tree.loops import (
     Sums,
     accumulation_body,
@@ -38,9 +37,7 @@ from slipctl.ccode.tree.nodes import Node as C
 from slipctl.ccode.tree.parser import code
 from slipctl.ccode.tree.scans import find_scan, scan_lines
 from slipctl.ccode.tree.vectors import AT, element, loop, place
-from slipctl.ccode.tree.while_loops import Again, again_lines, find_while_loop, stays
-
-Branches = Callable[[ca.Function], tuple[ca.Function, ca.Function] | None]
+from slipctl.ccode.tree.while_loops import Again, again_lines, branches, find_while_loop, stays
 
 
 @dataclass
@@ -48,10 +45,8 @@ class Functions:
     """C functions made so far, in order.
 
     Attributes:
-        branches: gives what an if_else Function chooses from: (if true, otherwise), or None.
         docs: comment by the name of a Function.
         made: function by C name.
-        helpers: functions of ``HELPERS`` that they call.
         names: C name by serialised Function.
         letters: names that locals have from the model.
         reserved: names that are taken.
@@ -61,13 +56,11 @@ class Functions:
         enums: those that are read by a constant: what the vector is, and the place, by name.
     """
 
-    branches: Branches
     docs: Mapping[str, str]
     made: dict[str, C] = field(default_factory=dict)
-    helpers: set[str] = field(default_factory=set)
     names: dict[str, str] = field(default_factory=dict)
     letters: set[str] = field(default_factory=set)
-    reserved: set[str] = field(default_factory=lambda: {*LOCAL, *KEYWORDS, *HELPERS})
+    reserved: set[str] = field(default_factory=lambda: {*LOCAL, *KEYWORDS})
     pointers: set[str] = field(default_factory=set)
     repeats: dict[int, tuple[ca.Function, Again | None]] = field(default_factory=dict)
     vector_names: VectorNames = field(default_factory=dict)
@@ -187,7 +180,7 @@ class Functions:
         """What a Function does again and again; looked at once."""
         key = f.__hash__()
         if key not in self.repeats:
-            self.repeats[key] = f, find_while_loop(f, self.branches, self._again)
+            self.repeats[key] = f, find_while_loop(f, self._again)
         return self.repeats[key][1]
 
     def _scalar(self, f: ca.Function, inputs: Sequence[str], outputs: Sequence[str]) -> list[C]:
@@ -202,7 +195,6 @@ class Functions:
         writer = Writer(
             inner, lambda i, k: at(inputs[i], f.nnz_in(i), k), names, shown=f.n_out(), modest=True
         ).run()
-        self.helpers |= set(writer.helpers)
         lines = list(writer.lines)
         for (i, k), node in writer.results:
             to, made = at(outputs[i], f.nnz_out(i), k), writer.result(node)
@@ -321,7 +313,6 @@ class Functions:
         made = Arrays(
             f, sources, self._call, names, targets, count, can_be, hidden, {*self.taken(f), *own}
         ).run()
-        self.helpers |= made.helpers
         lines = made.lines
         returns = hidden is None and returns_number(f)
         for i, to in enumerate(outputs):
@@ -355,7 +346,7 @@ class Functions:
                     c.assign(c.index(results[0], i), c.name(total))]  # fmt: skip
             at.lines += [c.declare("double", total, start), c.loop(g.nnz_out(0), body)]
             return
-        chosen = self.branches(g)
+        chosen = branches(g)
         if chosen is None:
             self._plain(at, g, arguments, results, True)
             return

@@ -374,9 +374,19 @@ def statements(pieces: Iterable[str | Node]) -> list[Node]:
     return found
 
 
-def define(head: str, pieces: Iterable[str | Node], told: str = "") -> Node:
-    """A function: its declaration, its statements, and what is told before it."""
-    (empty,) = code(f"{head} {{ }}")
+def define(
+    head: str, pieces: Iterable[str | Node], told: str = "", given: Iterable[str] = ()
+) -> Node:
+    """A function: its declaration, its statements, and what is told before it.
+
+    Args:
+        head: the whole declaration, or what stands before its parameters.
+        pieces: statements.
+        told: text of a comment.
+        given: declarations of its parameters, where the head has none.
+    """
+    parameters = ", ".join(given)
+    (empty,) = code(f"{head}({parameters}) {{ }}" if parameters else f"{head} {{ }}")
     return replace(empty, parts=(empty.parts[0], block(statements(pieces))), told=told)
 
 

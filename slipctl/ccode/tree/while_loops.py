@@ -31,17 +31,20 @@ class Again:
     begun: bool
 
 
-Branches = Callable[[ca.Function], "tuple[ca.Function, ca.Function] | None"]
+def branches(g: ca.Function) -> tuple[ca.Function, ca.Function] | None:
+    """What an if_else Function evaluates if true and otherwise; None of another Function."""
+    if g.class_name() != "Switch":
+        return None
+    found = g.info()
+    others = found["f"]
+    return (found["f_def"], others[0]) if len(others) == 1 else None
 
 
-def find_while_loop(
-    f: ca.Function, branches: Branches, within: Callable[[ca.Function], Again | None]
-) -> Again | None:
+def find_while_loop(f: ca.Function, within: Callable[[ca.Function], Again | None]) -> Again | None:
     """What a Function does again and again, if that is all it does.
 
     Args:
         f: the Function.
-        branches: gives what an if_else Function chooses from: (if true, otherwise), or None.
         within: the same of a Function that it calls.
     """
     if (apart := taken_apart(f)) is None or f.n_out() != 1:

@@ -19,7 +19,7 @@ from slipctl.block.block import Block
 from slipctl.ccode.check.float_error import Trials
 from slipctl.ccode.module import guard
 from slipctl.ccode.module.header import bit
-from slipctl.ccode.module.layout import Member
+from slipctl.ccode.module.layout import Member, spans
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes.precision import epsilon, round_to_real
 
@@ -122,14 +122,12 @@ def catch_up(plan: Plan, x: np.ndarray, missed: float) -> None:
     """Move on the counters among the elements of states, a row or column of them each."""
     if not missed:
         return
-    at = 0
     counts = {m.name: ticks for m, ticks in plan.counters}
-    for m in plan.layout.states:
+    for m, here in spans(plan.layout.states):
         if m.name in counts:
-            now = ca.DM(x[at : at + m.size].reshape(1, -1))
+            now = ca.DM(x[here].reshape(1, -1))
             found = guard.counter_after().map(now.numel())(now, missed, counts[m.name])
-            x[at : at + m.size] = np.array(found.full()).reshape(x[at : at + m.size].shape)
-        at += m.size
+            x[here] = np.array(found.full()).reshape(x[here].shape)
 
 
 def run_with_guards(
@@ -284,8 +282,7 @@ def _spread(plan: Plan, run: Expected, params: Mapping[str, Any]) -> np.ndarray:
 
 def _parts(members: list[Member], rows: np.ndarray) -> list[tuple[Member, np.ndarray]]:
     """Columns of each signal."""
-    ends = np.cumsum([m.size for m in members])
-    return [(m, rows[:, end - m.size : end]) for m, end in zip(members, ends, strict=True)]
+    return [(m, rows[:, here]) for m, here in spans(members)]
 
 
 def _largest(values: np.ndarray) -> float:
