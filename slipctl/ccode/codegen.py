@@ -194,8 +194,8 @@ def _produce(
     rows = run.rows
     if replay and not len(rows):
         raise BadInput(
-            f"{block.name} gives NaN or infinity on made-up inputs; compare it on the inputs of a"
-            " run, check(block, inputs, folder)"
+            f"{block.name} gives NaN or infinity on made-up inputs; declare ranges within which it"
+            " is finite, or give inputs of a run, --vectors FILE.csv, check(block, inputs, folder)"
         )
     # the written test is to pass where it is made: limits in float are those of trials
     tried_too = real == "float" and float_error.has_cpp_compiler() and len(rows) > 0

@@ -56,12 +56,15 @@ def run(options: argparse.Namespace, block: Block, command: str) -> str:
         records.append(record)
         notes += [n for n in recording.notes if n not in notes]
         done += recording.table.done
-    found = fit_over_time(
-        block, records, result,
-        [n.strip() for n in options.unknown.split(",")] if options.unknown is not None else None,
-        start=pairs("--start", options.starts), at=at, delay=options.delay or "",
-        rule=rule,
-    )  # fmt: skip
+    try:
+        found = fit_over_time(
+            block, records, result,
+            [n.strip() for n in options.unknown.split(",")] if options.unknown is not None
+            else None,
+            start=pairs("--start", options.starts), at=at, delay=options.delay or "", rule=rule,
+        )  # fmt: skip
+    except BadInput as error:
+        raise _with_cause(error, notes) from None
     for line in done:
         log.debug("%s", line)
     for line in (*notes, *found.notes, *found.doubts):
@@ -73,6 +76,12 @@ def run(options: argparse.Namespace, block: Block, command: str) -> str:
         store.write_text(folder / KEYS_FILE, keys_text(found, keys, steps))
     plots.save(figure(found), folder, "fit", command)
     return report(found, folder, keys)
+
+
+def _with_cause(error: BadInput, notes: Sequence[str]) -> BadInput:
+    """A refusal, and behind it what of the measured column may be the cause."""
+    doubted = [n for n in notes if "empty the cell" in n]
+    return BadInput(f"{error}; {doubted[0]}") if doubted else error
 
 
 def _settled(

@@ -505,3 +505,10 @@ def test_a_count_is_no_angular_speed(text: str) -> None:
     assert factor("rpm", "rad/s") == pytest.approx(2 * math.pi / 60, rel=1e-15)
     assert factor("1/s", "rad/s") == 1.0
     assert factor(text, "1/s") > 0
+
+
+@pytest.mark.parametrize(("text", "wanted"), [("Ns/m", "N s"), ("kNs", "kN s")])
+def test_two_units_without_a_blank_are_told_as_two(text: str, wanted: str) -> None:
+    name = wanted.replace(" ", "")
+    with pytest.raises(BadInput, match=f"'{name}' is no known unit; write '{wanted}'"):
+        unit(text)

@@ -31,6 +31,7 @@ from slipctl import (
     differential_evolution,
     every,
     flow,
+    from_text,
     gated,
     law,
     make_block,
@@ -706,6 +707,16 @@ def test_names_become_c(tmp_path: Path) -> None:
     if HAS_COMPILER:
         c = codegen.c_module(names, tmp_path).compile().load()
         assert c.step(int=1.0, exp=0.0) == {"ω_ü": 2.0}
+
+
+@pytest.mark.parametrize("name", ["nan", "memcpy", "round", "fmaxf", "printf", "sin"])
+def test_no_function_has_the_name_of_one_of_the_library(name: str, tmp_path: Path) -> None:
+    """Compilers know what those take: the part of a block of such a name has another one."""
+    block = from_text("y = 2*u where u [1]", name=name)
+    module = codegen.c_module(block, tmp_path)
+    assert f"static void {name}_part(" in (tmp_path / f"{name}_parts.h").read_text()
+    if HAS_COMPILER:
+        assert module.compile().load().step(u=3.0) == {"y": 6.0}
 
 
 # ---- what cannot be ------------------------------------------------------------------------------

@@ -194,3 +194,17 @@ def test_bad_input_is_one_line(capsys, change, wrong):
     assert "Traceback" not in err
     assert not out
     assert not Path("fit/fit.json").exists()
+
+
+def test_a_refusal_names_the_value_that_a_sensor_held(capsys):
+    """A log that determines nothing because its sensor stood still says where."""
+    coast(span=60)
+    head, *rows = Path("coast.csv").read_text("utf-8").splitlines()
+    held = [r.split(";")[0] + ";" + rows[40].split(";")[1] for r in rows[40:80]]
+    text = "\n".join([head, *rows[:40], *held, *rows[80:]]) + "\n"
+    Path("coast.csv").write_text(text, encoding="utf-8")
+    out, err = said(capsys, list(COAST), 2)
+    assert not out
+    (line,) = err.splitlines()
+    assert "coast.csv does not determine" in line
+    assert "rows from line 42 on, then it jumps; where nothing was measured, empty" in line

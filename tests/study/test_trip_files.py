@@ -350,3 +350,13 @@ def test_a_number_of_a_law_of_ones_own_is_no_gravity(tmp_path, monkeypatch):
     assert float(values["ctl.law.g"]) == 8000
     assert float(values["ctl.law.tau"]) == 0.06
     assert float(values["g"]) == 9.81
+
+
+def test_a_file_of_blocks_is_no_vehicle(tmp_path):
+    """One line says so, in place of all that a vehicle needs."""
+    path = tmp_path / "mine.toml"
+    path.write_text('[soft]\nT_wanted = "k*u"\n', encoding="utf-8")
+    with pytest.raises(
+        BadInput, match="describes no vehicle, it has soft; slipctl new"
+    ):
+        trip_files.load(str(path))

@@ -141,7 +141,10 @@ class _Reader:
 
     def unknown(self, name: str) -> NoReturn:
         close = nearest(name, [*PLAIN, *PREFIXED, *_USUAL])
-        self.fail(f"{_cut(name)!r} is no known unit" + (close if "mean" in close else ""))
+        close = close if "mean" in close else ""
+        if two := re.fullmatch("([kM]?N)(s|m)", name):
+            close = f"; write '{two[1]} {two[2]}'"
+        self.fail(f"{_cut(name)!r} is no known unit{close}")
 
     def peek(self) -> str:
         return self.tokens[0][1] if self.tokens else ""

@@ -45,6 +45,23 @@ untouched good whole which INITIALISED UNSURE FORGOTTEN PATIENCE
 LOCAL = frozenset((*_LOCAL_WORDS.split(), *all_helpers(), "i", "j", "k"))
 """Names that mean something inside the generated functions; loops count by the last three."""
 
+_MATH = """
+acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs
+fdim floor fma fmax fmin fmod frexp hypot ilogb ldexp lgamma llrint llround log log10 log1p log2
+logb lrint lround modf nan nearbyint nextafter nexttoward pow remainder remquo rint round scalbln
+scalbn sin sinh sqrt tan tanh tgamma trunc
+"""
+_OTHER = """
+abort abs atexit atof atoi atol atoll bsearch calloc div exit free getenv labs ldiv llabs lldiv
+malloc qsort rand realloc srand strtod strtol strtoul system memchr memcmp memcpy memmove memset
+strcat strchr strcmp strcoll strcpy strcspn strerror strlen strncat strncmp strncpy strpbrk strrchr
+strspn strstr strtok strxfrm fprintf printf putchar puts fputc fputs fscanf scanf snprintf sprintf
+sscanf vfprintf vprintf vscanf vsnprintf vsprintf isalnum isalpha iscntrl isdigit isgraph islower
+isprint ispunct isspace isupper isxdigit tolower toupper clock raise remove rename
+"""
+LIBRARY = frozenset(n + e for n in _MATH.split() for e in ("", "f", "l")) | {*_OTHER.split()}
+"""Functions of C's library, which compilers know of: no function of a module has such a name."""
+
 
 _FILE_WORDS = """
 assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg

@@ -19,7 +19,7 @@ from slipctl.block.connection import evaluation_order
 from slipctl.block.signals import Signal
 from slipctl.block.text.expression import read
 from slipctl.ccode.module.comments import FILE, comment, first_sentence, of_one_file, with_origins
-from slipctl.ccode.module.layout import LOCAL, Copy, c_name, dense_value, matrix
+from slipctl.ccode.module.layout import LIBRARY, LOCAL, Copy, c_name, dense_value, matrix
 from slipctl.ccode.module.wires import (
     NO_END,
     POINTERS,
@@ -217,7 +217,7 @@ class Parts:
         whole = last and len(outputs) == len(block.outputs)
         name = c_name(path) if path else c_name(block.name)
         name += "" if whole or last else f"_{c_name(outputs[0])}"
-        if name in self.functions.reserved:
+        if name in self.functions.reserved | LIBRARY:
             name += "_part"
         name = self.functions.take(name)
         lines = self._lines(block, path, wires, outputs, last)

@@ -15,7 +15,7 @@ import casadi as ca
 
 from slipctl.block.fields import VectorNames
 from slipctl.ccode.module.comments import comment
-from slipctl.ccode.module.layout import KEYWORDS, LOCAL
+from slipctl.ccode.module.layout import KEYWORDS, LIBRARY, LOCAL
 from slipctl.ccode.passes.local_names import name_locals, with_inside
 from slipctl.ccode.passes.repeats import hand_results, roll_calls
 from slipctl.ccode.passes.rolled_loops import roll_lines
@@ -90,7 +90,7 @@ class Functions:
 
     def take(self, name: str) -> str:
         """A free name, which nobody else gets."""
-        found = free_name(name, self.reserved)
+        found = free_name(name, self.reserved | LIBRARY)
         self.reserved.add(found)
         return found
 

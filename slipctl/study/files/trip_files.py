@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,6 +58,11 @@ def _trip(path: str, text: str) -> Any:
     from slipctl.study.files import declared_parts
 
     content = files_beside(tomllib.loads(text), Path(path).parent)
+    if content and not set(content) & {f.name for f in fields(vehicle_files().root(content))}:
+        raise BadInput(
+            f"{path} describes no vehicle, it has {', '.join(list(content)[:5])}; slipctl new metro"
+            " writes a vehicle's file, whose rail or controller may name a block of yours"
+        )
     trip, faults = declared_parts.read(vehicle_files().root(content), content)
     if trip is not None:
         faults = vehicle_files().faults(trip)
