@@ -18,6 +18,7 @@ from slipctl import (
     Scenario,
     Section,
     State,
+    connect,
     feasibility,
     flow,
     run_slopes,
@@ -202,3 +203,17 @@ def test_a_jump_along_a_run_has_no_slope() -> None:
 
     with pytest.raises(BadInput, match="apart: something jumps"):
         run_slopes(jumps, Scenario("base", duration=0.5), "k")
+
+
+def test_a_status_has_no_slope() -> None:
+    """Of whatever part it is, and alone; nor have the passes and the residual of a solver."""
+
+    @step(period=0.1, y=Output("1"), status=Output("1"), passes=Output("1"))
+    def told(x=State("1", 1.0), residual=State("1", 0.0), k=Param("1", 0.5)):
+        return dict(x=k * x, residual=x), dict(y=x, status=k, passes=k)
+
+    found = run_slopes(told, Scenario("base", duration=0.5), "k")
+    assert set(found.of) == {"x", "y"}
+    inside = connect("whole", {"z": "part.y"}, part=told)
+    found = run_slopes(inside, Scenario("base", duration=0.5), "part.k")
+    assert {n.rpartition(".")[2] for n in found.of} == {"x", "y", "z"}
