@@ -30,6 +30,7 @@ from slipctl.models.vehicle.parts.file_keys import with_keys
 from slipctl.models.vehicle.ranges import of_inputs
 from slipctl.models.vehicle.slip.takeover import released_torque, released_valves
 from slipctl.models.vehicle.slip.train_reference import filling_rate
+from slipctl.models.vehicle.trip import end
 from slipctl.models.wheel_rail.contact import patch
 from slipctl.study.resolve import load_block
 
@@ -182,3 +183,21 @@ def test_what_lets_an_axle_go_stands_behind_all_that_makes_its_command(actuator,
         assert wires["T_cmd"] == "release.T_cmd"
         assert wires["release.T_slip"] == "safe.T_cmd"
         assert float(parts["release"].param_values()["T_max"]) == actuator.torque
+
+
+@pytest.mark.parametrize(
+    ("written", "signal", "above", "below"),
+    [("", None, None, None), ("standstill", "plant.train.v", None, 0.02),
+     ("400 m", "plant.train.x", 400.0, None), ("1.5 km", "plant.train.x", 1500.0, None)],
+)  # fmt: skip
+def test_a_run_ends_at_rest_or_at_a_place_or_with_its_time(written, signal, above, below):
+    """At rest it has stood for half a second: a wheel that is let go may pass 0 for a tick."""
+    found = end(replace(TRIP, end=written))
+    if signal is None:
+        assert found is None
+        return
+    assert found.signal == signal
+    assert found.hold == (0.5 if below else 0)
+    ends = found.above, found.below
+    assert [e for e in ends if e is not None and np.isfinite(e)] == [above or below]
+    assert (ends[0] is not None and np.isfinite(ends[0])) == (above is not None)
