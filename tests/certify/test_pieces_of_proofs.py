@@ -16,6 +16,7 @@ from slipctl.certify.arithmetic.interval_arrays import Boxes
 from slipctl.certify.arithmetic.whole_boxes import WholeBoxes
 from slipctl.certify.bounds import linear_kind
 from slipctl.certify.cells.mode_cells import ModeLoop
+from slipctl.models.cheng_2022.certificate import dither, dither_push, dither_search, dithering_kind
 
 F = Fraction
 
@@ -67,3 +68,35 @@ def test_the_quadratic_function_behind_a_lag_falls(share, lags):
     assert (np.linalg.eigvalsh(P) > 0).all()
     assert (np.linalg.eigvalsh(A.T @ P @ A - P) < 0).all()
     assert (np.linalg.eigvalsh(A.T @ P @ A - P) < -0.99).all()  # minus one by construction
+
+
+@pytest.mark.parametrize("noise", ["0.0002355", "0.00004", "0.0000001"])
+def test_a_run_under_the_worst_noise_lies_between_both_bounds(noise):
+    """The seeker's own equations, without dimensions: from its orbit to the last push."""
+    n = {"k": F("0.941"), "w": F("1.385"), "w_l": F("0.1262"), "w_h": F("0.148"),
+         "a": F("0.2151"), "curvature": F("-0.6474"), "T": F("0.1815"), "noise": F(noise),
+         "start": F("0.04556")}  # fmt: skip
+    loop = dithering_kind._plain(n)
+    found = dither_search.find(dithering_kind._loop(n), 0.05)
+    quiet = dither.check_proof(dithering_kind._loop({**n, "noise": F(0)}), found.proof)
+    push = dither_push.find(loop, found)
+    least, most = dither_push.at_least(loop, found, quiet, push), dither_push.at_most(loop, found)
+    x = z = e = 0.0
+    far = []
+    for k in range(4000 + len(push.signs)):
+        i = k - 4000
+        up = push.signs[i] if i >= 0 else k % 2 == 0
+        strength = loop.noise if i >= 0 else 0.0
+        s = math.sin(push.angle + i * loop.W)
+        H = (x + s) ** 2 / 2 - x * x / 2 - e + (strength if up else -strength)
+        x, z, e = (x - loop.W * loop.q * z, z + loop.W * loop.l * (s * H - z),
+                   e + loop.W * (loop.h * H + loop.q * x * z
+                                 - loop.q**2 * loop.W * z * z / 2))  # fmt: skip
+        far.append(abs(x))
+    assert least <= far[-1] * (1 + 1e-6)
+    assert max(far[3000:]) <= most
+    assert most < 2 * max(far[3000:])
+    if noise == "0.0000001":  # hardly any: both are what the orbit itself swings by
+        assert most < 1.5 * max(far[3000:4000])
+    if least > 0:
+        assert least > 0.8 * far[-1]
