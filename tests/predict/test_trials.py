@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import casadi as ca
 import pytest
@@ -25,6 +26,7 @@ from slipctl import (
     step,
 )
 from slipctl.predict import trials
+from slipctl.predict.stages.horizon import Horizon
 
 # ---- trials --------------------------------------------------------------------------------------
 
@@ -217,3 +219,21 @@ def test_a_status_has_no_slope() -> None:
     inside = connect("whole", {"z": "part.y"}, part=told)
     found = run_slopes(inside, Scenario("base", duration=0.5), "part.k")
     assert {n.rpartition(".")[2] for n in found.of} == {"x", "y", "z"}
+
+
+def test_a_soft_limit_that_a_stage_has_not_lies_far_below_and_hides_no_other() -> None:
+    """Two rows for each limit, above and below, times its weight; the linear one without."""
+    limits = [SimpleNamespace(weight=w) for w in (2.0, 0.0, 3.0)]
+    stub = SimpleNamespace(np_=1, weighed=["r"], soft=["a", "b", "c"], limits=limits)
+    q = ca.DM([9, 8, -1, 1, 2, 7, -2, 2, 5, 4, -3, 3, 3, 6])
+
+    def rows(**y):
+        found = Horizon._soft_rows(stub, {n: ca.SX(v) for n, v in y.items()}, ca.SX(q))
+        return list(ca.DM(found).full().ravel())
+
+    assert rows(a=0.5, b=0.0, c=4.0) == [-1.0, -3.0, -8.0, -8.0, 3.0, -21.0]
+    assert rows(b=0.0, c=4.0) == [-1.0, -1.0, -8.0, -8.0, 3.0, -21.0]
+    assert rows(a=0.5, c=4.0) == [-1.0, -3.0, -1.0, -1.0, 3.0, -21.0]
+    assert rows() == [-1.0] * 6
+    stub.soft = []
+    assert rows() == []
