@@ -8,7 +8,7 @@ import pytest
 
 from slipctl import BadInput, Input, Output, Param, State, connect, flow, from_text, law
 from slipctl.block.signals import real_array
-from slipctl.block.text import expression
+from slipctl.block.text import equations, expression
 from slipctl.block.transforms.distance import over_distance
 from slipctl.block.units.number_ranges import read_range
 from slipctl.block.units.unit_algebra import parse_quantity
@@ -116,3 +116,17 @@ def test_a_part_is_swapped_where_the_block_can_be_made_again() -> None:
 def test_a_wrong_number_of_a_text_is_told(meaning, said) -> None:
     with pytest.raises(Faults, match=said):
         from_text(f"y = v*k where v [m/s], {meaning}")
+
+
+def test_only_so_many_parts_of_an_equation_are_asked_for_their_units(monkeypatch) -> None:
+    """Of those the innermost that does not fit is told; where none is asked, the whole is."""
+    text = "y = 2*v*v + sin(m + v) where v [m/s], m [kg]"
+
+    def told() -> str:
+        with pytest.raises(BadInput) as error:
+            from_text(text)
+        return str(error.value)
+
+    whole = told()
+    monkeypatch.setattr(equations, "PLACES", 0)
+    assert told() != whole

@@ -380,3 +380,24 @@ def test_a_number_computed_from_shared_ones_has_the_unit_of_its_places(expressio
     assert float(fits.param_values()["Q"]) == 8.0 * 9.81 / 2
     with pytest.raises(BadInput, match=f"is no N, the unit of b.Q: .*{said}"):
         connect("l", {}, a=one, b=load, share=share | {expression: "b.Q"})
+
+
+def test_a_pattern_finds_shared_and_own_numbers_alike():
+    """In any order of the parts: one that is shared does not hide those behind it."""
+    from slipctl import Output, Param, connect, law
+    from slipctl.block.shared_numbers import targets
+
+    def part(name):
+        @law(y=Output("1"), name=name)
+        def one_number(m=Param("1", 2.0), k=Param("1", 1.0)):
+            return m * k
+
+        return one_number
+
+    for share in (["a.m", "b.m"], ["b.m", "c.m"], ["a.m", "c.m"]):
+        parts = {n: part(n) for n in "abc"}
+        block = connect("whole", {}, share={"m": share}, **parts)
+        own = ({"a.m", "b.m", "c.m"} - set(share)).pop()
+        assert set(targets(block, "*.m")) == {own, "m"}
+        assert set(targets(block, "*.k")) == {"a.k", "b.k", "c.k"}
+        assert targets(block, "*.q") == []

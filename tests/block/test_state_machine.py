@@ -107,3 +107,30 @@ def test_what_is_no_machine_is_refused(change, said):
         state_machine("valve", values, transitions, **given)
     assert said in str(told.value)
     assert "\n" not in str(told.value)
+
+
+@pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
+def test_conditions_of_formulas_alone_bring_what_they_call(tmp_path):
+    """The larger, the smaller, the sign and the size of numbers, which nothing else in it calls."""
+    machine = state_machine(
+        "chooser", ("low", "high", "off"),
+        [("low", "high", "max(a, b) > 0.5 and sign(b) > 0"), ("high", "low", "min(a, b) < -0.5"),
+         ("*", "off", "clip(a, -1, 1) > 0.9 and abs(b) > 1.5"),
+         ("off", "low", "sqrt(abs(a)) < 0.4")],
+        period=1e-3, a=Input("1", lo=-2, hi=2), b=Input("1", lo=-2, hi=2),
+    )  # fmt: skip
+    module = codegen.c_module(machine, tmp_path).compile().load()
+    rng, at, seen = np.random.default_rng(1), "low", set()
+    for a, b in rng.uniform(-2, 2, (150, 2)):
+        if at == "low" and max(a, b) > 0.5 and b > 0:
+            at = "high"
+        elif at == "high" and min(a, b) < -0.5:
+            at = "low"
+        elif at != "off" and min(max(a, -1), 1) > 0.9 and abs(b) > 1.5:
+            at = "off"
+        elif at == "off" and abs(a) ** 0.5 < 0.4:
+            at = "low"
+        module.step(a=a, b=b)
+        assert module.state["at"] == ("low", "high", "off").index(at)
+        seen.add(at)
+    assert len(seen) == 3

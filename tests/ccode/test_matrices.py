@@ -14,6 +14,7 @@ from slipctl import Input, Output, Param, State
 from slipctl.block.block import Block, make_block
 from slipctl.ccode import codegen
 from slipctl.ccode.compile import compilers
+from slipctl.ccode.tree import loops
 
 pytestmark = pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 
@@ -138,3 +139,31 @@ def test_each_operation_has_the_numbers_of_casadi(
         assert module.status == 0
         for n, value in module.state.items():
             assert np.ravel(value) == pytest.approx(np.ravel(ca.DM(x[n]).full()), rel=1e-15)
+
+
+# ---- what is done again and again ----------------------------------------------------------------
+
+_z, _c2 = ca.SX.sym("z", 2), ca.SX.sym("col")
+_turn = ca.Function(
+    "turn", [_z, _c2], [ca.vertcat(_z[1] * _c2, _z[0] + ca.sin(_c2)), _z[0] - 2 * _z[1]]
+)
+
+
+@pytest.mark.parametrize("many", [3, 5, 8])
+def test_a_function_that_is_done_again_and_again_is_found_with_its_number(many: int) -> None:
+    """Whether all states are given or the last one alone; done by another function it is none."""
+    for whole in (_turn.mapaccum(many), _turn.fold(many) if _turn.n_out() == 1 else None):
+        if whole is not None:
+            inner, found = loops.accumulation_body(whole)
+            assert (found, inner.name()) == (many, "turn")
+    state = ca.Function("state", [_z, _c2], [_turn(_z, _c2)[0]])
+    for whole in (state.mapaccum(many), state.fold(many)):
+        found = loops.accumulation_body(whole)
+        assert found is not None
+        assert (found[1], found[0].name()) == (many, "state")
+    z, columns = ca.MX.sym("z", 2), ca.MX.sym("c", 1, many)
+    after = z
+    for k in range(many):
+        after = state(after, columns[many - 1 - k])  # the other way round
+    assert loops.accumulation_body(ca.Function("back", [z, columns], [after])) is None
+    assert loops.accumulation_body(state) is None

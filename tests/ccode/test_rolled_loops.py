@@ -244,6 +244,35 @@ def test_an_array_that_is_read_later_stays_one() -> None:
     assert with_pass(fuse_loops, lines) == laid_out(lines)
 
 
+ONCE = ["double s = v;", "for (int i = 0; i < 4; ++i) {", "    s = s + a[i];", "}", "*z = s;"]
+LOOP = "for (int i = 0; i < 4; ++i) {"
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        ["double w = v;"],  # no array
+        ["double b[4];", LOOP, "    b[i] = x[i];", "}", "*y = b[2];"],  # read later
+        ["double b[4];", "b[0] = v;", "b[1] = v;", "*y = b[0];"],  # filled in no loop
+        ["double b[4];", LOOP, "    b[i] = x[i];", "    w[i] = b[3 - i];", "}"],  # not at hand
+        ["double b[4];", LOOP, "    b[i] = x[i];", "    b[i] = b[i] + v;", "}"],  # given twice
+        ["double b[4];", LOOP, "    b[i] = b[i] + v;", "}"],  # of itself
+        ["double b[4];", "b[0] = v;", LOOP, "    b[i] = x[i];", "}"],  # given before too
+        ["bool b[4];", LOOP, "    b[i] = x[i] > v;", "    y[i] = b[i] ? v : w;", "}"],
+    ],
+)
+def test_one_that_stays_an_array_keeps_no_other_from_being_a_number(before: list[str]) -> None:
+    lines = [*before, *FILLED, *ONCE]
+    found = with_pass(fuse_loops, lines)
+    assert "    const double a = x[i] * 2.0;" in found
+    assert "double a[4];" not in found
+    stays = before[0].endswith("b[4];") and not before[0].startswith("bool")
+    assert (before[0] in found) == (stays or before[0] == "double w = v;")
+    behind = with_pass(fuse_loops, [*FILLED, *ONCE, *before])
+    assert "    const double a = x[i] * 2.0;" in behind
+    assert (before[0] in behind) == (before[0] in found)
+
+
 @pytest.mark.second
 @pytest.mark.skipif(not HAS_COMPILER, reason="no C compiler on this machine")
 def test_sums_over_a_window_and_slopes_at_a_corner_have_the_bits_of_python(tmp_path: Path) -> None:

@@ -34,7 +34,12 @@ from slipctl.models.cheng_2022.certificate import (
     sliding_seeker,
 )
 from slipctl.models.cheng_2022.certificate.ball import Ball
-from slipctl.models.huang_2020.certificate import relay_orbits, relay_proof, relay_sets
+from slipctl.models.huang_2020.certificate import (
+    reaching_law,
+    relay_orbits,
+    relay_proof,
+    relay_sets,
+)
 from slipctl.models.huang_2020.certificate.relay_sets import Relay
 from slipctl.models.super_twisting.certificate import (
     super_twisting,
@@ -589,3 +594,12 @@ def test_signs_of_a_noise_that_are_none_are_refused():
     for noise in (5, run["noise"] + "x", "+" * (dither_push.MOST_TICKS + 1)):
         with pytest.raises(BadInput, match=r"must hold \+ and -, at most"):
             dithering_kind._replay_pushed(numbers, with_checksum(numbers, run | {"noise": noise}))
+
+
+def test_a_relay_that_takes_too_large_steps_has_no_orbit_of_two_ticks():
+    """Below T g1 = 2 it swings by T g2/(2 - T g1), and from there on it grows without end."""
+    for g1, T in ((100.0, 0.02), (100.0, 0.03), (2.0, 1.0)):
+        assert reaching_law.chatter(g1, 5.0, T) == math.inf
+    for g1, T in ((99.0, 0.02), (0.0, 0.1), (1.9, 1.0)):
+        s = reaching_law.chatter(g1, 5.0, T)
+        assert s - T * (g1 * s + 5.0) == pytest.approx(-s)

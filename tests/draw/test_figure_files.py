@@ -115,3 +115,14 @@ def test_pixels_within_a_figure_are_drawn_too() -> None:
     svg, png = figure_files.pictures(fig)
     assert "<image" in svg
     assert len(np.unique(read(png).reshape(-1, 4), axis=0)) > 12
+
+
+def test_a_figure_whose_panels_are_placed_by_hand_stays_as_it_is():
+    """And one without panels is drawn too."""
+    fig, axes = plots.panels()
+    axes[0, 0].remove()
+    fig.canvas.draw()
+    by_hand = fig.add_axes((0.2, 0.3, 0.4, 0.5))
+    by_hand.plot([0, 1], [0, 1])
+    fig.canvas.draw()
+    assert by_hand.get_position().bounds == pytest.approx((0.2, 0.3, 0.4, 0.5))

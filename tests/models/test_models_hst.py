@@ -341,3 +341,25 @@ def test_a_gain_set_later_is_refused_before_the_run():
 def test_unknown_choices_are_refused(make):
     with pytest.raises(BadInput):
         make()
+
+
+@pytest.mark.parametrize("locked", [False, True])
+@pytest.mark.parametrize("speed", [False, True])
+@pytest.mark.parametrize("rail", ["dry", "wet", "snow"])
+def test_a_locked_wheel_keeps_adhesion_only_where_that_is_asked(locked, speed, rail):
+    """With neither option it is the printed curve; the floor is 0 without the first one."""
+    block = models.adhesion(locked=locked, speed=speed)
+    printed, numbers = models.burckhardt, models.RAILS[rail]
+    assert (block is printed) == (not locked and not speed)
+    if block is printed:
+        return
+    assert float(block.params["mu_l"].value) == (0.05 if locked else 0.0)
+    assert block.choices == {"locked": locked, "speed": speed}
+    assert block.law_data.meant_to == (1.0 if locked else printed.law_data.meant_to)
+    for lam in (0.02, 0.1, 0.5, 1.0):
+        plain = -float(printed(lam=lam, **numbers)["mu"])
+        floor = (0.05 if locked else 0.0) * (1 - np.exp(-numbers["a1"] * lam))
+        for v in (0.0, 50.0, 80.0) if speed else (None,):
+            got = -float(block(lam=lam, **numbers, **({} if v is None else {"v": v}))["mu"])
+            falls = 1.0 if v is None else np.exp(-0.005 * (v - 50.0))
+            assert got == pytest.approx(falls * max(plain, floor), rel=1e-12, abs=1e-15)

@@ -8,7 +8,19 @@ import numpy as np
 import pytest
 
 from slipctl import Input, Output, Param, connect, step
-from slipctl.models.vehicle import Air, Constant, DemandAlone, Lag, Stretch, Track, Trip, Vehicle
+from slipctl.models.vehicle import (
+    Air,
+    Constant,
+    DemandAlone,
+    Lag,
+    SlipControl,
+    SlipLaw,
+    Stretch,
+    Track,
+    Trip,
+    Vehicle,
+    case,
+)
 from slipctl.models.vehicle.adhesion import rail_law
 from slipctl.models.vehicle.air.pneumatics import ATMOSPHERE
 from slipctl.models.vehicle.books import known_of_trip
@@ -18,6 +30,7 @@ from slipctl.models.vehicle.parts.file_keys import with_keys
 from slipctl.models.vehicle.ranges import of_inputs
 from slipctl.models.vehicle.slip.takeover import released_torque, released_valves
 from slipctl.models.vehicle.slip.train_reference import filling_rate
+from slipctl.models.vehicle.trip import end
 from slipctl.models.wheel_rail.contact import patch
 from slipctl.study.resolve import load_block
 
@@ -141,3 +154,50 @@ def test_a_mark_is_known_where_the_file_has_one():
     found = known_of_trip(replace(TRIP, mark=120.0))
     assert list(found) == ["books.error", "trip.mark"]
     assert found["trip.mark"].values == 120.0
+
+
+@pytest.mark.parametrize("actuator", [AIR, TRIP.actuator])
+@pytest.mark.parametrize("let_go", [None, 1.0])
+def test_what_lets_an_axle_go_stands_behind_all_that_makes_its_command(actuator, let_go):
+    """Valves by their bits, a lag by its torque; where no axle is let go in turn, nothing does."""
+    control = SlipControl(period=0.01, let_go=let_go, let_go_every=6.0)
+    laws = {"slip": SlipLaw(kind="pid")}
+    trip = replace(TRIP, actuator=actuator, control=control, controllers=laws)
+    whole = case(trip).loops["slip"]["ctl"]
+    while set(whole.parts) == {"ctl"}:
+        whole = whole.parts["ctl"]
+    parts, wires = whole.parts, whole.wires
+    assert ("release" in parts) == ("turn" in parts) == (let_go is not None)
+    if let_go is None:
+        return
+    assert wires["release.free"] == "turn.free"
+    turn = {n.rpartition(".")[2]: v for n, v in parts["turn"].param_values().items()}
+    assert 1.0 in turn.values()
+    assert 6.0 in turn.values()
+    if isinstance(actuator, Air):
+        for bit in ("hold", "vent"):
+            assert wires[bit] == wires[f"model.{bit}"] == f"release.{bit}"
+            assert not wires[f"release.{bit}_by"].startswith("release.")
+        assert "release.T_slip" not in wires
+    else:
+        assert wires["T_cmd"] == "release.T_cmd"
+        assert wires["release.T_slip"] == "safe.T_cmd"
+        assert float(parts["release"].param_values()["T_max"]) == actuator.torque
+
+
+@pytest.mark.parametrize(
+    ("written", "signal", "above", "below"),
+    [("", None, None, None), ("standstill", "plant.train.v", None, 0.02),
+     ("400 m", "plant.train.x", 400.0, None), ("1.5 km", "plant.train.x", 1500.0, None)],
+)  # fmt: skip
+def test_a_run_ends_at_rest_or_at_a_place_or_with_its_time(written, signal, above, below):
+    """At rest it has stood for half a second: a wheel that is let go may pass 0 for a tick."""
+    found = end(replace(TRIP, end=written))
+    if signal is None:
+        assert found is None
+        return
+    assert found.signal == signal
+    assert found.hold == (0.5 if below else 0)
+    ends = found.above, found.below
+    assert [e for e in ends if e is not None and np.isfinite(e)] == [above or below]
+    assert (ends[0] is not None and np.isfinite(ends[0])) == (above is not None)

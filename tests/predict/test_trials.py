@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import casadi as ca
 import pytest
@@ -18,12 +19,14 @@ from slipctl import (
     Scenario,
     Section,
     State,
+    connect,
     feasibility,
     flow,
     run_slopes,
     step,
 )
 from slipctl.predict import trials
+from slipctl.predict.stages.horizon import Horizon
 
 # ---- trials --------------------------------------------------------------------------------------
 
@@ -202,3 +205,35 @@ def test_a_jump_along_a_run_has_no_slope() -> None:
 
     with pytest.raises(BadInput, match="apart: something jumps"):
         run_slopes(jumps, Scenario("base", duration=0.5), "k")
+
+
+def test_a_status_has_no_slope() -> None:
+    """Of whatever part it is, and alone; nor have the passes and the residual of a solver."""
+
+    @step(period=0.1, y=Output("1"), status=Output("1"), passes=Output("1"))
+    def told(x=State("1", 1.0), residual=State("1", 0.0), k=Param("1", 0.5)):
+        return dict(x=k * x, residual=x), dict(y=x, status=k, passes=k)
+
+    found = run_slopes(told, Scenario("base", duration=0.5), "k")
+    assert set(found.of) == {"x", "y"}
+    inside = connect("whole", {"z": "part.y"}, part=told)
+    found = run_slopes(inside, Scenario("base", duration=0.5), "part.k")
+    assert {n.rpartition(".")[2] for n in found.of} == {"x", "y", "z"}
+
+
+def test_a_soft_limit_that_a_stage_has_not_lies_far_below_and_hides_no_other() -> None:
+    """Two rows for each limit, above and below, times its weight; the linear one without."""
+    limits = [SimpleNamespace(weight=w) for w in (2.0, 0.0, 3.0)]
+    stub = SimpleNamespace(np_=1, weighed=["r"], soft=["a", "b", "c"], limits=limits)
+    q = ca.DM([9, 8, -1, 1, 2, 7, -2, 2, 5, 4, -3, 3, 3, 6])
+
+    def rows(**y):
+        found = Horizon._soft_rows(stub, {n: ca.SX(v) for n, v in y.items()}, ca.SX(q))
+        return list(ca.DM(found).full().ravel())
+
+    assert rows(a=0.5, b=0.0, c=4.0) == [-1.0, -3.0, -8.0, -8.0, 3.0, -21.0]
+    assert rows(b=0.0, c=4.0) == [-1.0, -1.0, -8.0, -8.0, 3.0, -21.0]
+    assert rows(a=0.5, c=4.0) == [-1.0, -3.0, -1.0, -1.0, 3.0, -21.0]
+    assert rows() == [-1.0] * 6
+    stub.soft = []
+    assert rows() == []

@@ -79,6 +79,11 @@ def test_swaps_and_settings_are_done_each_in_turn_and_told_as_typed(tmp_path):
     for order in (texts, texts[::-1]):
         swapped = case_setup.read_swaps(study, order)
         assert {n: b.name for n, b in swapped.items()} == {"adh": "a", "other": "b"}
+    mixed = ["other = mu = 2*k*v_s where v_s [m/s], k = 1 s/m", *texts[:1]]
+    for order in (mixed, mixed[::-1]):
+        swapped = case_setup.read_swaps(study, order)
+        assert swapped["adh"].name == "a"
+        assert float(swapped["other"](v_s=3.0, k=0.5)["mu"]) == 3.0
     said = case_setup.in_words(["adh = my.py:law", "b=c"], [" car.m=8.2t "])
     assert said == "adh swapped for my.py:law, b swapped for c, car.m=8.2t set"
 

@@ -16,6 +16,7 @@ from slipctl.run.logs.log_signals import source_of
 from slipctl.run.logs.recorded_log import Recording, read_recording
 from slipctl.tables.heads import other_unit_in_name, unit_in_name
 from slipctl.tables.layout import text_of
+from slipctl.tables.table import read_table
 
 V = [3.6 * v for v in speeds()][:400]
 HEAD = "t [s];v [km/h]\n"
@@ -287,3 +288,21 @@ def test_whole_thousands_of_ms_may_be_meant_unless_commas_part_the_cells(
             read_recording(file)
     else:
         assert read_recording(file).time[-1] == pytest.approx(2.9e-3)
+
+
+def test_a_column_is_found_by_its_name_in_any_letters_or_by_its_head(tmp_path: Path):
+    """Where two differ in their letters alone, only as written; what is not there is told."""
+    path = tmp_path / "log.csv"
+    path.write_text("t [s];Speed [km/h];force;Force\n0;1;2;3\n1;2;3;4\n")
+    table = read_table(path)
+    assert table.find("Speed") == table.find("speed") == table.find("SPEED") == "Speed"
+    assert table.find("Speed [km/h]") == "Speed"
+    assert (table.find("force"), table.find("Force")) == ("force", "Force")
+    for name in ("FORCE", "velocity", "", "speed [km/h]"):
+        with pytest.raises(BadInput, match=r"log\.csv has no column"):
+            table.find(name)
+    with pytest.raises(BadInput, match="did you mean 'Speed'"):
+        table.find("sped")
+    path.write_text("t [s];x;x;y\n0;1;2;3\n1;2;3;4\n")
+    with pytest.raises(BadInput, match="its head has two columns 'x'; rename one"):
+        read_table(path).find("x")
