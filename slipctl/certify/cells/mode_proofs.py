@@ -17,7 +17,6 @@ from slipctl.certify.cells.mode_cells import (
     Reach,
     check_cells,
     dyadic,
-    float_box,
     read_cells,
     read_grid,
     ways_to_check,
@@ -144,12 +143,17 @@ def _grown(
             last[k] = min(last[k], int(np.floor(float(most) / wide[k])) + 1)
     low, high = np.maximum(low, first), np.minimum(high, last)
     grid = Grid(tuple(map(int, low)), size, tuple(map(int, high - low + 1)),
-                float_box(loop, bounds))  # fmt: skip
+                _box(loop, bounds))  # fmt: skip
     growth = Growth(loop, grid, work, first, last)
     cells = growth.run(runs.visited[:: max(1, len(runs.visited) // 200)])
     _keep(growth.reach, bounds, NEAR)
     entries = {"grid": growth.grid.payload(), "cells": cells.packed()}
     return Found(entries, growth.reach, runs)
+
+
+def _box(loop: ModeLoop, bounds: Bounds) -> tuple[Ends, ...]:
+    """Bounds of each real state, in order."""
+    return tuple(bounds.get(name, (None, None)) for name in loop.reals)
 
 
 def _within(low: Any, high: Any, ends: Ends, room: Fraction = Fraction(0)) -> bool:
@@ -181,7 +185,7 @@ def check_evidence(loop: ModeLoop, bounds: Bounds, given: Any) -> tuple[Reach, s
     entry = read_mapping(given, ("grid", "cells"), "evidence", True)
     if len(loop.reals) > MOST_REALS:
         raise DoesNotHold(f"evidence: cells take {MOST_REALS} real states")
-    grid = replace(read_grid(entry["grid"], len(loop.reals)), box=float_box(loop, bounds))
+    grid = replace(read_grid(entry["grid"], len(loop.reals)), box=_box(loop, bounds))
     cells = read_cells(entry["cells"], grid, len(loop.modes))
     *firsts, (last, how) = ways_to_check(loop, cells)
     for kind, words in firsts:
