@@ -81,12 +81,12 @@ def find_cells(loop: ModeLoop, bounds: Bounds, runs: Runs, work: int = WORK) -> 
         k = loop.reals.index(name)
         if not _within(runs.low[k], runs.high[k], (low, high), NEAR):
             raise NoProof(f"a run comes to {name} = {runs.high[k]:.4g}")
-    span = np.maximum(runs.high - runs.low, 1e-6 * (1 + np.abs(runs.high)))
-    grids = [tuple(dyadic(s / many) for s in span) for many in CELLS[axes]]
-    for sizes in [loop.sizes] if loop.sizes else grids:
+    tried = [(span, tuple(dyadic(s / many) for s in span))
+             for span in _spans(loop, bounds, runs) for many in CELLS[axes]]  # fmt: skip
+    for span, sizes in [(tried[0][0], loop.sizes)] if loop.sizes else tried:
         begun = left.left
         try:
-            found = _grown(loop, bounds, runs, sizes, left)
+            found = _grown(loop, bounds, runs, (span, sizes), left)
         except (NoProof, ArithmeticError) as error:
             why = why or str(error)
             if left.left < 0:
@@ -116,14 +116,15 @@ def _better(loop: ModeLoop, new: Found, old: Found | None) -> float:
 
 
 def _grown(
-    loop: ModeLoop, bounds: Bounds, runs: Runs, size: tuple[Fraction, ...], work: Work
-) -> Found:
-    """Set over a grid of cells of some size.
+    loop: ModeLoop, bounds: Bounds, runs: Runs, sizes: tuple[np.ndarray, tuple[Fraction, ...]],
+    work: Work,
+) -> Found:  # fmt: skip
+    """Set over a grid of cells of some size, about as wide as a span.
 
     Raises:
         NoProof: none was found.
     """
-    span = np.maximum(runs.high - runs.low, 1e-6 * (1 + np.abs(runs.high)))
+    span, size = sizes
     wide = np.array([float(s) for s in size])
 
     def cells_around(room: float) -> np.ndarray:
@@ -149,6 +150,16 @@ def _grown(
     _keep(growth.reach, bounds, NEAR)
     entries = {"grid": growth.grid.payload(), "cells": cells.packed()}
     return Found(entries, growth.reach, runs)
+
+
+def _spans(loop: ModeLoop, bounds: Bounds, runs: Runs) -> list[np.ndarray]:
+    """What runs visit of each real state; then a part of its bounds where they go nowhere."""
+    span = np.maximum(runs.high - runs.low, 1e-6 * (1 + np.abs(runs.high)))
+    wider = span.copy()
+    for k, (low, high) in enumerate(_box(loop, bounds)):
+        if low is not None and high is not None:
+            wider[k] = max(span[k], float(high - low) / 20)
+    return [span] if (wider == span).all() else [span, wider]
 
 
 def _box(loop: ModeLoop, bounds: Bounds) -> tuple[Ends, ...]:
