@@ -125,7 +125,7 @@ class Grid:
             least, most = self.box[k] if self.box else (None, None)
             kind: Any = object if exact and (least, most) != (None, None) else float
             if least is not None:
-                end = least if exact else float(Boxes.around(least, least).low[0])
+                end: Any = least if exact else float(Boxes.around(least, least).low[0])
                 low = np.maximum(low.astype(kind), end)
             if most is not None:
                 end = most if exact else float(Boxes.around(most, most).high[0])
