@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from slipctl.certify import proofs
 from slipctl.certify.arithmetic.interval_arrays import Boxes
-from slipctl.certify.arithmetic.whole_boxes import BITS, WholeBoxes, exponential
+from slipctl.certify.arithmetic.whole_boxes import ONE, WholeBoxes, exponential
 from slipctl.certify.cells.mode_cells import _counted, _cover, _totals, places_in_ranges
 from slipctl.certify.cells.mode_images import ModeTick
 from slipctl.certify.entries import DoesNotHold
@@ -32,7 +32,7 @@ def made(kind, a):
 
 
 def fractions(box):
-    scale = F(1) if isinstance(box, Boxes) else F(1, 2**BITS)
+    scale = F(1) if isinstance(box, Boxes) else F(1, ONE)
     return F(box.low[0]) * scale, F(box.high[0]) * scale
 
 
@@ -58,10 +58,10 @@ def test_boxes_hold_what_their_numbers_make(a, b, sign, p, q):
 
 @given(st.floats(-60, 60))
 def test_an_exponential_in_whole_numbers_is_that_of_decimals(x):
-    low, high = exponential(int(F(x) * 2**BITS))
+    low, high = exponential(int(F(x) * ONE))
     with localcontext() as context:
         context.prec = 60
-        true = (Decimal(int(F(x) * 2**BITS)) / Decimal(2**BITS)).exp() * 2**BITS
+        true = (Decimal(int(F(x) * ONE)) / Decimal(ONE)).exp() * ONE
     assert low <= true <= high
     assert high - low <= 3 + high * 2.0**-70
 
@@ -200,7 +200,7 @@ def test_images_hold_what_points_do(seed):
     box = [(low[k], low[k] + wide[k]) for k in range(3)]
     for kind in (Boxes, WholeBoxes):
         found = tick.images(kind, box, modes, push, ticks)
-        scale = 1.0 if kind is Boxes else 2.0**-BITS
+        scale = 1.0 if kind is Boxes else 1 / ONE
         for cell in range(8):
             for _ in range(6):
                 x = (*(low[:, cell] + wide * rng.choice([0, 1, rng.random()], 3)), modes[cell, 0])
@@ -321,12 +321,13 @@ def test_cells_end_at_what_is_asked():
     told = proofs.exact_numbers(system, {"e0": F(1, 3), "band": F(1, 3)})
     found = loop.question().find(told)
     assert found is None  # a third is no float: it is rounded outwards
-    told = proofs.exact_numbers(system, {"e0": F(3, 4), "band": F(3, 4)})
-    found = loop.question().find(told)
-    assert found is not None
-    loop.question().check(told, found)
-    with pytest.raises(DoesNotHold):
-        loop.question().check({**told, "band": F(1, 2)}, found)
+    for far in (F(3, 4), F(3, 10)):  # decimals are exact in whole numbers
+        told = proofs.exact_numbers(system, {"e0": far, "band": far})
+        found = loop.question().find(told)
+        assert found is not None
+        loop.question().check(told, found)
+        with pytest.raises(DoesNotHold):
+            loop.question().check({**told, "band": far - F(1, 10**9)}, found)
 
 
 def test_products_by_powers_of_two_are_exact():

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from slipctl.certify.arithmetic.decimal_intervals import Interval
 from slipctl.certify.arithmetic.interval_arrays import Boxes
-from slipctl.certify.arithmetic.whole_boxes import WholeBoxes
+from slipctl.certify.arithmetic.whole_boxes import ONE, WholeBoxes
 from slipctl.certify.cells.mode_images import ModeTick
 from slipctl.certify.cells.mode_lines import LineValues
 from slipctl.certify.cells.mode_means import MeanValues
@@ -110,7 +110,7 @@ def test_arc_tangents_enclose_that_of_the_library(x, wide):
     assert floats.low[0] <= exact[0]
     assert exact[1] <= floats.high[0]
     whole = WholeBoxes.around(low, high).atan()
-    ends = [Fraction(int(e[0]), 2**80) for e in (whole.low, whole.high)]
+    ends = [Fraction(int(e[0]), ONE) for e in (whole.low, whole.high)]
     decimals = Interval.of(low, 40).hull(Interval.of(high, 40)).atan().ends()
     for found in (ends, decimals):
         assert float(found[0]) == pytest.approx(exact[0], rel=1e-14, abs=1e-20)

@@ -102,7 +102,7 @@ def test_altered_certificates_fail():
     wrong = (
         ("cells", []), ("cells", [{**cells, "cells": ""}]), ("cells", [{**cells, "modes": [1]}]),
         ("grid", {**grid, "origin": [grid["origin"][0] + 1]}), ("grid", {**grid, "size": ["0"]}),
-        ("reach", {"x": "1/5"}), ("reach", {"x": "2"}),
+        ("reach", {"x": "1/6"}), ("reach", {"x": "2"}),
     )  # fmt: skip
     for name, value in wrong:
         bad = copy.deepcopy(good)

@@ -1,4 +1,6 @@
-"""Arrays of intervals in whole numbers: the ends are multiples of 2^-80, rounded outwards.
+"""Arrays of intervals in whole numbers: the ends are multiples of 1/ONE, rounded outwards.
+
+Decimals of 12 digits and binary fractions of 80 bits are such multiples, and sums of them exact.
 
 Nothing is trusted here but the whole numbers of Python: no float, no library of functions. The
 methods are those of ``interval_arrays.Boxes``, so that a proof by cells is checked with either.
@@ -16,20 +18,21 @@ import numpy as np
 from slipctl.certify.arithmetic.decimal_intervals import Interval
 from slipctl.certify.arithmetic.operations import ArrayOperations, Exact
 
-BITS = 80
-"""Bits behind the point."""
+BITS = 108
+"""Bits behind the point, about."""
 
 GUARD = 48
 """Further bits of an exponential while it is summed up."""
 
-ONE = 1 << BITS
+ONE = 10**12 << 68
+"""Near 2^108."""
 
-FARTHEST = 1 << (BITS + 200)
+FARTHEST = ONE << 200
 """Ends beyond this bound nothing."""
 
 
 class WholeBoxes(ArrayOperations):
-    """Intervals of multiples of 2^-80, one a box.
+    """Intervals of multiples of 1/ONE, one a box.
 
     Attributes:
         low, high: arrays of Python's whole numbers.
@@ -64,7 +67,7 @@ class WholeBoxes(ArrayOperations):
         o = self._as(other)
         ends = [self.low * o.low, self.low * o.high, self.high * o.low, self.high * o.high]
         low, high = np.minimum.reduce(ends), np.maximum.reduce(ends)
-        return _within(low >> BITS, -(-high >> BITS))
+        return _within(low // ONE, -(-high // ONE))
 
     __radd__, __rmul__ = __add__, __mul__
 
@@ -72,7 +75,7 @@ class WholeBoxes(ArrayOperations):
         o = self._as(other)
         if ((o.low <= 0) & (o.high >= 0)).any():
             raise ZeroDivisionError("division by an interval that contains zero")
-        tops = [self.low << BITS, self.high << BITS]
+        tops = [self.low * ONE, self.high * ONE]
         below = [t // d for t in tops for d in (o.low, o.high)]
         above = [-(-t // d) for t in tops for d in (o.low, o.high)]
         return _within(np.minimum.reduce(below), np.maximum.reduce(above))
@@ -90,8 +93,8 @@ class WholeBoxes(ArrayOperations):
         """
         if (self.high < 0).any():
             raise ArithmeticError("the root of a negative number")
-        return WholeBoxes(_each(lambda a: math.isqrt(max(a, 0) << BITS), self.low),
-                          _each(lambda a: math.isqrt(a << BITS) + 1, self.high))  # fmt: skip
+        return WholeBoxes(_each(lambda a: math.isqrt(max(a, 0) * ONE), self.low),
+                          _each(lambda a: math.isqrt(a * ONE) + 1, self.high))  # fmt: skip
 
     def exp(self) -> WholeBoxes:
         """Exponential."""
@@ -134,7 +137,7 @@ class WholeBoxes(ArrayOperations):
         Raises:
             ArithmeticError: one is about none.
         """
-        near = (self.low + ONE // 2) >> BITS
+        near = (self.low + ONE // 2) // ONE
         if ((self.low < near * ONE - ONE // 4) | (self.high > near * ONE + ONE // 4)).any():
             raise ArithmeticError("a mode is no whole number")
         return near.astype(np.int64)
@@ -160,9 +163,9 @@ def _of_floats(values: np.ndarray, turn: Callable[[Fraction], int]) -> np.ndarra
 
 
 def exponential(a: int) -> tuple[int, int]:
-    """Ends of exp(a 2^-80), as multiples of 2^-80.
+    """Ends of exp(a/ONE), as multiples of 1/ONE.
 
-    With x = a 2^-80 / 2^m below 2^-7 in size, exp(x) lies within x^13 of the first 13 terms of its
+    With x = a/ONE / 2^m below 2^-6 in size, exp(x) lies within x^13 of the first 13 terms of its
     series. Each term is rounded down and counted one higher above. Then both ends are squared m
     times; of a negative x the quotient 1/exp(-x) is taken.
 
@@ -176,7 +179,7 @@ def exponential(a: int) -> tuple[int, int]:
         raise ArithmeticError("an exponential of more than 128")
     bits = BITS + GUARD + 192 * (a > ONE << 3)
     halvings = max(0, a.bit_length() - BITS + 7)
-    x = (a << (bits - BITS)) >> halvings
+    x = (a << bits) // ONE >> halvings
     one = 1 << bits
     term, low = one, one
     for k in range(1, 13):
@@ -185,13 +188,13 @@ def exponential(a: int) -> tuple[int, int]:
     high = low + 40 + ((x + 1) ** 13 >> (12 * bits)) + 1
     for _ in range(halvings):
         low, high = low * low >> bits, (high * high >> bits) + 1
-    return low >> (bits - BITS), (high >> (bits - BITS)) + 1
+    return low * ONE >> bits, (high * ONE >> bits) + 1
 
 
 def _logarithm(a: int) -> tuple[int, int]:
-    """Ends of ln(a 2^-80): a guess in floats, set right by the exponential."""
-    guess = math.floor((math.log(a) - BITS * math.log(2)) * ONE)
-    below, above = guess - (1 << 40), guess + (1 << 40)
+    """Ends of ln(a/ONE): a guess in floats, set right by the exponential."""
+    guess = math.floor((math.log(a) - math.log(ONE)) * ONE)
+    below, above = guess - (1 << 68), guess + (1 << 68)
     for _ in range(60):
         if exponential(below)[1] <= a:
             break
@@ -208,5 +211,5 @@ def _logarithm(a: int) -> tuple[int, int]:
 
 
 def _atan(value: int) -> tuple[Fraction, Fraction]:
-    """Ends of the arc tangent of a multiple of 2^-80."""
+    """Ends of the arc tangent of a multiple of 1/ONE."""
     return Interval.of(Fraction(value, ONE), 40).atan().ends()

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from slipctl.certify.arithmetic.interval_arrays import Boxes
-from slipctl.certify.arithmetic.whole_boxes import WholeBoxes
+from slipctl.certify.arithmetic.whole_boxes import ONE, WholeBoxes
 from slipctl.certify.cells.mode_images import Images, ModeTick, TooManyWays
 from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
 from slipctl.certify.smooth.sums import NoProof
@@ -98,28 +98,38 @@ class Grid:
 
     Attributes:
         origin: where each axis begins, in cells. size: of a cell. count: cells along each axis.
-        box: ends of each axis, in floats, beyond which no cell counts: no image may lie there.
+        box: ends of each axis, beyond which no cell counts: no image may lie there.
     """
 
     origin: tuple[int, ...]
     size: tuple[Fraction, ...]
     count: tuple[int, ...]
-    box: tuple[tuple[float, float], ...] = ()
+    box: tuple[Ends, ...] = ()
 
     @property
     def places(self) -> int:
         """Cells of a grid."""
         return math.prod(self.count)
 
-    def ends(self, places: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Ends of cells by their place, as far as they are within the box; exact in floats."""
+    def ends(self, places: np.ndarray, exact: bool) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Ends of cells by their place, as far as they are within the box.
+
+        Args:
+            places: the cells. exact: whether ends of the box are taken as rationals, not as the
+                floats around them.
+        """
         found = []
         for k, index in enumerate(np.unravel_index(places, self.count)):
-            at = (index + self.origin[k]).astype(float)
-            size = float(self.size[k])
+            at, size = (index + self.origin[k]).astype(float), float(self.size[k])
             low, high = at * size, (at + 1) * size
-            if self.box:
-                low, high = np.maximum(low, self.box[k][0]), np.minimum(high, self.box[k][1])
+            least, most = self.box[k] if self.box else (None, None)
+            kind: Any = object if exact and (least, most) != (None, None) else float
+            if least is not None:
+                end: Any = least if exact else float(Boxes.around(least, least).low[0])
+                low = np.maximum(low.astype(kind), end)
+            if most is not None:
+                end = most if exact else float(Boxes.around(most, most).high[0])
+                high = np.minimum(high.astype(kind), end)
             found.append((np.minimum(low, high), high))
         return found
 
@@ -137,20 +147,6 @@ class Grid:
         """Entries of a file."""
         return {"origin": list(self.origin), "size": [str(s) for s in self.size],
                 "count": list(self.count)}  # fmt: skip
-
-
-def float_box(loop: ModeLoop, bounds: Mapping[str, Ends]) -> tuple[tuple[float, float], ...]:
-    """Least and largest value of each real state that bounds allow, in floats rounded outwards."""
-    found = []
-    for name in loop.reals:
-        low, high = bounds.get(name, (None, None))
-        found.append(
-            (
-                -math.inf if low is None else float(Boxes.around(low, low).low[0]),
-                math.inf if high is None else float(Boxes.around(high, high).high[0]),
-            )
-        )
-    return tuple(found)
 
 
 def dyadic(size: float) -> Fraction:
@@ -297,7 +293,7 @@ class Reach:
                 self._take(name, box)
 
     def _take(self, name: str, box: Any) -> None:
-        scale = 1 if isinstance(box, Boxes) else Fraction(1, 2**80)
+        scale = 1 if isinstance(box, Boxes) else Fraction(1, ONE)
         low, high = Fraction(box.low.min()) * scale, Fraction(box.high.max()) * scale
         self.low[name] = min(self.low.get(name, low), low)
         self.high[name] = max(self.high.get(name, high), high)
@@ -316,7 +312,9 @@ def images_of(
     """
     try:
         with np.errstate(all="ignore"):  # what overflows bounds nothing, and is told so
-            return tick.images(kind, grid.ends(places), modes, loop.push, loop.stride)
+            return tick.images(
+                kind, grid.ends(places, kind is not Boxes), modes, loop.push, loop.stride
+            )
     except TooManyWays:
         if len(places) < 2:
             raise

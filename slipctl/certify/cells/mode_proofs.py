@@ -17,7 +17,6 @@ from slipctl.certify.cells.mode_cells import (
     Reach,
     check_cells,
     dyadic,
-    float_box,
     read_cells,
     read_grid,
     ways_to_check,
@@ -82,12 +81,12 @@ def find_cells(loop: ModeLoop, bounds: Bounds, runs: Runs, work: int = WORK) -> 
         k = loop.reals.index(name)
         if not _within(runs.low[k], runs.high[k], (low, high), NEAR):
             raise NoProof(f"a run comes to {name} = {runs.high[k]:.4g}")
-    span = np.maximum(runs.high - runs.low, 1e-6 * (1 + np.abs(runs.high)))
-    grids = [tuple(dyadic(s / many) for s in span) for many in CELLS[axes]]
-    for sizes in [loop.sizes] if loop.sizes else grids:
+    tried = [(span, tuple(dyadic(s / many) for s in span))
+             for span in _spans(loop, bounds, runs) for many in CELLS[axes]]  # fmt: skip
+    for span, sizes in [(tried[0][0], loop.sizes)] if loop.sizes else tried:
         begun = left.left
         try:
-            found = _grown(loop, bounds, runs, sizes, left)
+            found = _grown(loop, bounds, runs, (span, sizes), left)
         except (NoProof, ArithmeticError) as error:
             why = why or str(error)
             if left.left < 0:
@@ -117,14 +116,15 @@ def _better(loop: ModeLoop, new: Found, old: Found | None) -> float:
 
 
 def _grown(
-    loop: ModeLoop, bounds: Bounds, runs: Runs, size: tuple[Fraction, ...], work: Work
-) -> Found:
-    """Set over a grid of cells of some size.
+    loop: ModeLoop, bounds: Bounds, runs: Runs, sizes: tuple[np.ndarray, tuple[Fraction, ...]],
+    work: Work,
+) -> Found:  # fmt: skip
+    """Set over a grid of cells of some size, about as wide as a span.
 
     Raises:
         NoProof: none was found.
     """
-    span = np.maximum(runs.high - runs.low, 1e-6 * (1 + np.abs(runs.high)))
+    span, size = sizes
     wide = np.array([float(s) for s in size])
 
     def cells_around(room: float) -> np.ndarray:
@@ -144,12 +144,27 @@ def _grown(
             last[k] = min(last[k], int(np.floor(float(most) / wide[k])) + 1)
     low, high = np.maximum(low, first), np.minimum(high, last)
     grid = Grid(tuple(map(int, low)), size, tuple(map(int, high - low + 1)),
-                float_box(loop, bounds))  # fmt: skip
+                _box(loop, bounds))  # fmt: skip
     growth = Growth(loop, grid, work, first, last)
     cells = growth.run(runs.visited[:: max(1, len(runs.visited) // 200)])
     _keep(growth.reach, bounds, NEAR)
     entries = {"grid": growth.grid.payload(), "cells": cells.packed()}
     return Found(entries, growth.reach, runs)
+
+
+def _spans(loop: ModeLoop, bounds: Bounds, runs: Runs) -> list[np.ndarray]:
+    """What runs visit of each real state; then a part of its bounds where they go nowhere."""
+    span = np.maximum(runs.high - runs.low, 1e-6 * (1 + np.abs(runs.high)))
+    wider = span.copy()
+    for k, (low, high) in enumerate(_box(loop, bounds)):
+        if low is not None and high is not None:
+            wider[k] = max(span[k], float(high - low) / 20)
+    return [span] if (wider == span).all() else [span, wider]
+
+
+def _box(loop: ModeLoop, bounds: Bounds) -> tuple[Ends, ...]:
+    """Bounds of each real state, in order."""
+    return tuple(bounds.get(name, (None, None)) for name in loop.reals)
 
 
 def _within(low: Any, high: Any, ends: Ends, room: Fraction = Fraction(0)) -> bool:
@@ -181,7 +196,7 @@ def check_evidence(loop: ModeLoop, bounds: Bounds, given: Any) -> tuple[Reach, s
     entry = read_mapping(given, ("grid", "cells"), "evidence", True)
     if len(loop.reals) > MOST_REALS:
         raise DoesNotHold(f"evidence: cells take {MOST_REALS} real states")
-    grid = replace(read_grid(entry["grid"], len(loop.reals)), box=float_box(loop, bounds))
+    grid = replace(read_grid(entry["grid"], len(loop.reals)), box=_box(loop, bounds))
     cells = read_cells(entry["cells"], grid, len(loop.modes))
     *firsts, (last, how) = ways_to_check(loop, cells)
     for kind, words in firsts:
