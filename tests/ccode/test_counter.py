@@ -141,9 +141,7 @@ def test_by_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 @pytest.mark.second
-@pytest.mark.skipif(
-    shutil.which("frama-c") is None, reason="no frama-c on this machine"
-)
+@pytest.mark.skipif(shutil.which("frama-c") is None, reason="no frama-c on this machine")
 def test_it_is_proven_with_the_rest(tmp_path: Path) -> None:
     """The harness steps by the number of the tick: any number at all."""
     plan = Plan(way, counter=True)

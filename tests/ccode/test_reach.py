@@ -209,9 +209,22 @@ def test_what_no_call_of_a_text_asks_for_counts_as_unreachable() -> None:
          "function_name": "casadi_mtimes" if k == 5 else "f"}
         for k in (2, 3, 4, 5, 7)
     ]  # fmt: skip
-    found = coverage._counted({"lines": lines, "functions": []}, text, "a.c")
+    found = coverage._counted({"lines": lines, "functions": []}, text, "a.h", text)
     assert found["branches"] == {"all": 10, "reached": 5}
     assert found[coverage.REACHABLE] == {"all": 6, "reached": 4}
     text[3] = "if (w1 < w3) return 1;"  # one that fails: then all that call it may
-    found = coverage._counted({"lines": lines, "functions": []}, text, "a.c")
+    found = coverage._counted({"lines": lines, "functions": []}, text, "a.h", text)
     assert found[coverage.REACHABLE] == {"all": 7, "reached": 4}
+
+
+def test_what_is_done_where_a_text_failed_counts_as_unreachable_beside_it_too() -> None:
+    """The module around the parts asks whether they failed; where none can, no call takes it."""
+    home = [f"/* {coverage.KERNEL[0]} */", "return 0;", f"/* {coverage.KERNEL[1]} */"]
+    text = ["if (failed != 0) {", "if (off != 0) {"]
+    lines = [{"line_number": k, "count": 1, "branches": [{"count": 1}, {"count": 0}]}
+             for k in (1, 2)]  # fmt: skip
+    found = coverage._counted({"lines": lines, "functions": []}, text, "a.c", home)
+    assert found[coverage.REACHABLE] == {"all": 3, "reached": 2}
+    home[1] = "return 1;"
+    found = coverage._counted({"lines": lines, "functions": []}, text, "a.c", home)
+    assert found[coverage.REACHABLE] == {"all": 4, "reached": 2}

@@ -76,10 +76,9 @@ def run_with_counters(plan: Plan, folder: Path, used: Iterable[str]) -> dict[str
     found = {f["file"]: f for f in files if f["file"] in plan.files}
     if f"{n}.c" not in found:
         return {}
-    each = [
-        _counted(found[f], (folder / f).read_text(encoding="utf-8").splitlines(), f)
-        for f in plan.files if f in found
-    ]  # fmt: skip
+    texts = {f: (folder / f).read_text(encoding="utf-8").splitlines() for f in plan.files}
+    home = texts[plan.files[1]]  # that may have CasADi's text
+    each = [_counted(found[f], texts[f], f, home) for f in plan.files if f in found]
     return _added(each)
 
 
@@ -95,10 +94,12 @@ def _added(each: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _counted(found: Mapping[str, Any], text: list[str], file: str) -> dict[str, Any]:
+def _counted(
+    found: Mapping[str, Any], text: list[str], file: str, home: list[str]
+) -> dict[str, Any]:
     """Numbers of a file's counters."""
     lines = found["lines"]
-    asked = _by_call(lines, text)
+    asked = _by_call(lines, text, home)
     branches = [b["count"] > 0 for line in lines for b in line["branches"]]
     proper = [
         reached
@@ -126,22 +127,22 @@ def _counted(found: Mapping[str, Any], text: list[str], file: str) -> dict[str, 
     }
 
 
-def _by_call(lines: Iterable[Mapping[str, Any]], text: list[str]) -> set[int]:
+def _by_call(lines: Iterable[Mapping[str, Any]], text: list[str], home: list[str]) -> set[int]:
     """Numbers of lines with a way that no call of the module asks for, in CasADi's text mostly.
 
     Such a line was reached, and one of its ways was not. Or it stands in a template of CasADi
     behind such a condition, or says what is done where that text failed, and it cannot fail.
     """
-    marks = [k for k, line in enumerate(text, start=1) if any(m in line for m in KERNEL)]
+    marks = [k for k, line in enumerate(home, start=1) if any(m in line for m in KERNEL)]
     if len(marks) != 2:
         return set()
     first, last = marks
-    fails = any("return 1;" in t and not _PASSED_ON.match(t.strip()) for t in text[first:last])
+    fails = any("return 1;" in t and not _PASSED_ON.match(t.strip()) for t in home[first:last])
     found = set()
     for line in lines:
         number = line["line_number"]
         said = text[number - 1].strip()
-        if not first < number < last:
+        if text is not home or not first < number < last:
             if not fails and _FAILED.search(said):
                 found.add(number)
             continue
