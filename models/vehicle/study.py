@@ -25,6 +25,7 @@ from slipctl.models.vehicle.trip import CLEAN, case, clean_case
 from slipctl.run.roles import Signals
 from slipctl.run.sweep.ensemble import Ensemble
 from slipctl.study.declaration import Certificates, Figure, Study
+from slipctl.study.files.declared_parts import Bare
 from slipctl.study.resolve import load_block
 
 SIGNALS = Signals(
@@ -89,6 +90,9 @@ def numbers_without_unit(trip: Trip) -> Iterator[str]:
     if layer is not None:
         curve = load_block(layer.law or track.law)
         yield from without_unit(curve.params, layer.numbers, "rail.contamination.numbers")
+    for key in ("safe", "demand_lost"):
+        if isinstance(value := getattr(trip.control, key), Bare):
+            yield f"control.{key}: {value:g} has no unit; it is read as {value:g} N m"
     parts = {"": trip, **{f"controllers.{k}.": part for k, part in trip.controllers.items()}}
     for where, part in parts.items():
         sought = getattr(part, "reference", None)

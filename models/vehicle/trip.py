@@ -364,7 +364,7 @@ def scenario(trip: Trip, name: str = "trip") -> Scenario:
 def end(trip: Trip) -> End | None:
     """What ends the run before its duration."""
     if trip.end == STANDSTILL:
-        return End("plant.train.v", below=STOPPED, hold=STANDS)
+        return End("plant.train.v", below=STOPPED, hold=STANDS, returns=True)
     found = number_with_unit(trip.end, "m") if trip.end else None
     return End("plant.train.x", above=found[0]) if isinstance(found, tuple) else None
 

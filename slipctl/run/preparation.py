@@ -171,7 +171,7 @@ class Prepared:
         size = max(min(SCRATCH // max(x.size + total_size(block.outputs.values()), 1), most), 1)
         x_now = np.empty((size, x.size))
         y_now = np.empty((size, total_size(block.outputs.values())))
-        stayed = 0
+        stayed = self._end.begins if self._end is not None else 0
         for start, last, p in parts:
             for k in range(start, last, size):
                 stop = min(k + size, last)
@@ -333,6 +333,7 @@ class Ending:
             raise BadInput(f"scenario {scenario.name}: {end.signal} is fed; a run ends by what it"
                            " computes")  # fmt: skip
         self._there = end.there
+        self.begins = -1 if end.returns else 0  # ticks for which it is there at the start
         self._needed = max(round(end.hold / float(loop.period or 1.0)), 1)
 
     def tick(self, x: np.ndarray, y: np.ndarray, stayed: int) -> tuple[int | None, int]:
@@ -340,12 +341,18 @@ class Ending:
 
         Args:
             x, y: states and outputs, a row a tick.
-            stayed: ticks for which it had been there before.
+            stayed: ticks for which it had been there before; -1 where it has to leave first.
         """
         c = self._column
         values = (y if c.role == "output" else x)[:, c.at : c.at + c.signal.size]
         number = np.arange(len(values))
-        outside = np.where(self._there(values), -1 - stayed, number)
+        there = self._there(values)
+        if stayed < 0:
+            left = np.flatnonzero(~there)
+            if not left.size:
+                return None, stayed
+            there[: left[0]], stayed = False, 0
+        outside = np.where(there, -1 - stayed, number)
         count = number - np.maximum.accumulate(outside)
         hits = np.flatnonzero(count >= self._needed)
         return (int(hits[0]) if hits.size else None), int(count[-1]) if count.size else stayed

@@ -123,6 +123,8 @@ class End:
         below: its absolute value is at most this; or
         above: it is at least this.
         hold: how long, in s.
+        returns: it has to have been elsewhere before; a train that has not started yet has not
+            come to a stand.
 
     Raises:
         BadInput: neither or both of below and above, a hold that is negative.
@@ -132,6 +134,7 @@ class End:
     below: float | None = None
     above: float | None = None
     hold: float = 0.0
+    returns: bool = False
 
     def __post_init__(self) -> None:
         check_kinds("End", End, vars(self))

@@ -10,7 +10,20 @@ from hypothesis import strategies as st
 
 from slipctl import BadInput, simulate
 from slipctl.models.sensors import tooth_wheel
-from slipctl.models.vehicle import Exact, Sensors, SlideProtection, SlipLaw, SlipRatio, case
+from slipctl.models.vehicle import (
+    Constant,
+    Exact,
+    Lag,
+    Sensors,
+    SlideProtection,
+    SlipLaw,
+    SlipRatio,
+    Stretch,
+    Track,
+    Trip,
+    Vehicle,
+    case,
+)
 from slipctl.models.vehicle.measurement.fused_speed import fused_speed, largest_wheel
 from slipctl.models.vehicle.parts import (
     Accelerometer,
@@ -274,3 +287,24 @@ def test_a_fault_of_an_axle_that_is_not_there_is_refused():
     with pytest.raises(BadInput, match="more than half of let_go_every"):
         SlipControl(let_go=5.0)
     replace(dry(), control=SlipControl(let_go=1.0))
+
+
+def test_a_sensor_may_fail_twice():
+    """It freezes, then its pulses are missing: neither of both is left out; in any order."""
+    faults = (SensorFault(axle=2, kind="missing", time=0.3), SensorFault(axle=2, time=0.1),
+              SensorFault(axle=1, kind="jumps", share=0.5, time=0.2))  # fmt: skip
+    made = Trip(
+        duration=0.5, vehicle=Vehicle(mass=19e3, axles=2, inertia=100.0, speed=15.0),
+        actuator=Lag(torque=5e3), demand=Constant(deceleration=0.8),
+        rail=Track(sections=(Stretch(place=0.0, condition="dry"),)),
+        sensors=Sensors(wheel_speed=Exact(), faults=faults), controllers={"pid": SlipLaw()},
+    )  # fmt: skip
+    found = case(made)
+    names = ["plant.train.omega", "fault_again.y"]
+    log = simulate(found.loops["pid"], found.scenario, compile=False, log=names)
+    true, read = (log[n].values for n in names)
+    np.testing.assert_array_equal(read[:100], true[:100])
+    assert (read[105:295, 1] == read[105, 1]).all()
+    assert read[105, 1] > true[294, 1]
+    assert (read[305:, 1] == 0).all()
+    np.testing.assert_allclose(read[205:, 0], 1.5 * true[205:, 0], rtol=1e-12)

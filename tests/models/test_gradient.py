@@ -166,3 +166,19 @@ def test_a_motor_has_to_overcome_the_resistance_first() -> None:
     assert (log["plant.train.v"] == 0).all()
     log, _ = rolled(0.0, 0.0, Davis(a=3e3), 5.0, "drive", acceleration=0.1)
     assert log["plant.train.v"][-1] == pytest.approx((0.1 - 3e3 / MASS / SHARE) * 4.9, rel=0.03)
+
+
+def test_a_train_that_has_not_started_has_not_come_to_a_stand() -> None:
+    """A motor behind a dead time, longer than a stand lasts until the run ends."""
+    found = case(Trip(
+        duration=60.0, end="standstill",
+        vehicle=Vehicle(mass=MASS, inertia=110.0, speed=0.0, mode="drive",
+                        resistance=Davis(a=8e3)),
+        actuator=Lag(torque=8e3, dead_time=0.6), demand=Constant(acceleration=0.6, until="5 s"),
+        rail=Track(sections=(Stretch(place=0.0, condition="dry"),)),
+        sensors=Sensors(wheel_speed=Exact()), controllers={"none": DemandAlone()},
+    ))  # fmt: skip
+    v = simulate(found.loops["none"], found.scenario, compile=False)["plant.train.v"].values
+    assert v.max() == pytest.approx((0.6 - 8e3 / MASS / SHARE) * 4.95, rel=0.02)
+    assert v[-1] == 0
+    assert 10 < 1e-3 * v.size < 30

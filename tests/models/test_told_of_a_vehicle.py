@@ -32,6 +32,10 @@ def edited(tmp_path: Path, changes: dict[str, str], text: str = METRO):
 
 
 FAULTS = {
+    "resistance by mass in kN": (
+        {'a = "1.2 kN"': 'a = "12 kN/t"'},
+        r"vehicle\.resistance\.a: is 12 m/s\^2 of the mass; it must be at most 1 m/s\^2",
+    ),
     "no section": ({SECTIONS: "\n"}, "rail.*section"),
     "both": (
         {'place = "0 m"\n': 'place = "0 m"\ntime = "0 s"\n'},
@@ -263,6 +267,15 @@ NO_EFFECT = {
     "share of a frozen sensor": (
         METRO, "\n[reference]", "\nfaults = [{ axle = 1, share = 0.9 }]\n[reference]",
         "sensors.faults.0.share: has no effect, as kind = 'frozen'",
+    ),
+    "jump by nothing": (
+        METRO, "\n[reference]",
+        '\nfaults = [{ axle = 1, kind = "jumps", share = 0 }]\n[reference]',
+        "sensors.faults.0.share: has no effect, as it is 0",
+    ),
+    "torque without unit": (
+        METRO, "[control]\n", "[control]\nsafe = 3000\n",
+        "control.safe: 3000 has no unit; it is read as 3000 N m",
     ),
     "late magnets": (
         METRO, "\n[actuator]",

@@ -18,6 +18,7 @@ from slipctl.models.vehicle.parts import (
     Trip,
     WheelsOnly,
 )
+from slipctl.models.vehicle.parts.sensors import SensorFault
 from slipctl.models.vehicle.wheels import bounded_speed, known_radii, learnt_radii
 
 
@@ -91,23 +92,30 @@ def vehicle_speed(trip: Trip, parts: dict[str, Block], wires: dict[str, str]) ->
 def with_faults(trip: Trip, parts: dict[str, Block], measured: dict[str, str]) -> dict[str, str]:
     """Add what fails of the wheel sensors; gives the wires.
 
+    A sensor that fails twice is two of them, one behind the other: the later fault is the last.
+
     Args:
         trip: the trip.
         parts: of the loop.
         measured: the wires of the sensors.
     """
-    faults = {f.axle - 1: f for f in trip.sensors.faults}
-    if not faults:
-        return measured
-    n = len(trip.vehicle.worked)
-    rows = [faults.get(k) for k in range(n)]
-    parts["fault"] = sensors.wheel_sensors_with_faults(
-        n, [f.kind if f else "" for f in rows]
-    ).with_params(
-        begin=np.array([f.time if f else 0.0 for f in rows]),
-        share=np.array([f.share if f else 0.0 for f in rows]),
-    )
-    return measured | {"fault.u": measured["ctl.omega"], "ctl.omega": "fault.y"}
+    left = sorted(trip.sensors.faults, key=lambda f: f.time)
+    n, wires, name = len(trip.vehicle.worked), dict(measured), "fault"
+    while left:
+        faults: dict[int, SensorFault] = {}
+        for f in left:
+            faults.setdefault(f.axle - 1, f)
+        rows = [faults.get(k) for k in range(n)]
+        left = [f for f in left if all(f is not first for first in rows)]
+        parts[name] = sensors.wheel_sensors_with_faults(
+            n, [f.kind if f else "" for f in rows]
+        ).with_params(
+            begin=np.array([f.time if f else 0.0 for f in rows]),
+            share=np.array([f.share if f else 0.0 for f in rows]),
+        )
+        wires |= {f"{name}.u": wires["ctl.omega"], "ctl.omega": f"{name}.y"}
+        name += "_again"
+    return wires
 
 
 def at_one_radius(trip: Trip, parts: dict[str, Block], measured: dict[str, str]) -> dict[str, str]:

@@ -269,6 +269,7 @@ class Vehicle(Part):
                 self.mode == "drive", [self.inertias[k] for k in worked],
                 [self.radii[k] for k in worked],
             )  # fmt: skip
+        yield from self._held_back()
         if self.mode == "drive" and any(self.each_pads):
             yield "pads", "are of a braked vehicle; leave them out of a driven one"
         for name in ("track_brake", "dynamic_brake"):
@@ -344,6 +345,17 @@ class Vehicle(Part):
                     f" {self.total:.4g} kg; write the inertia of one wheelset"
                 ),
             )
+
+    def _held_back(self) -> Iterator[Fault]:
+        """Running resistance that no vehicle overcomes: by mass, told in kN for N."""
+        slows = zip("abc", self.resistance.of(self.total), strict=True)
+        for key, part in slows if self.total else ():
+            if part / self.total > 1:
+                unit = {"a": "m/s^2", "b": "1/s", "c": "1/m"}[key]
+                yield (
+                    f"resistance.{key}",
+                    f"is {part / self.total:g} {unit} of the mass; it must be at most 1 {unit}",
+                )
 
     def _unsorted(self) -> bool:
         places = self.places or ()

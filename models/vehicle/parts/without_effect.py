@@ -106,6 +106,8 @@ def _of_other_parts(trip: Trip) -> Iterator[str]:
             if _set(brake, key) and None not in rates.values():
                 yield f"actuator.{key}: has no effect, as fill_rate and vent_rate are given"
     for k, fault in enumerate(trip.sensors.faults):
+        if fault.kind == "jumps" and fault.share == 0:
+            yield f"sensors.faults.{k}.share: has no effect, as it is 0"
         if fault.kind != "jumps" and _set(fault, "share"):
             yield f"sensors.faults.{k}.share: has no effect, as kind = {fault.kind!r}"
     if not vehicle.cars and vehicle.places is None:
