@@ -210,3 +210,20 @@ def test_what_is_c_is_read_and_written_as_it_stands() -> None:
         assert expression(text).text.replace(" ", "") == text.replace(" ", "")
     with pytest.raises(ValueError, match="no C"):
         code("void f(void) { a = 1 ¤ 2; }")
+
+
+@pytest.mark.parametrize(
+    ("real", "replay"), [("double", True), ("double", False), ("float", True), ("float", False)]
+)
+def test_inputs_are_replayed_as_the_module_sees_them(real: str, replay: bool) -> None:
+    """Rounded to its precision; all of them where they are replayed, the first few as vectors."""
+    plan = Plan(twice, real=real)
+    u = np.linspace(-1, 1, codegen.KEPT + 50) / 3
+    found, wide = codegen._replayed(plan, {"u": u}, {}, replay)
+    assert wide is None
+    many = len(u) if replay else codegen.KEPT
+    seen = u[:many].astype(np.float32).astype(float) if real == "float" else u[:many]
+    assert len(found.rows) == many
+    assert np.array_equal(np.asarray(found.rows)[:, 0], seen)
+    for wrong, said in (([], "hold no ticks"), ([np.nan], "NaN or infinity")):
+        refused(said, codegen._replayed, plan, {"u": np.array(wrong)}, {}, replay)

@@ -15,8 +15,10 @@ from slipctl.certify import smtlib
 from slipctl.certify.arithmetic.interval_arrays import Boxes
 from slipctl.certify.arithmetic.whole_boxes import WholeBoxes
 from slipctl.certify.bounds import linear_kind
+from slipctl.certify.cells import mode_cells
 from slipctl.certify.cells.mode_cells import ModeLoop
 from slipctl.models.cheng_2022.certificate import dither, dither_push, dither_search, dithering_kind
+from slipctl.models.vehicle.certificate import own_gains
 
 F = Fraction
 
@@ -100,3 +102,26 @@ def test_a_run_under_the_worst_noise_lies_between_both_bounds(noise):
         assert most < 1.5 * max(far[3000:4000])
     if least > 0:
         assert least > 0.8 * far[-1]
+
+
+@given(st.lists(st.integers(-40, 40), min_size=1, max_size=30))
+def test_distinct_numbers_are_in_order_and_each_finds_its_own(values):
+    given_ = np.array(values)
+    found, of = mode_cells._distinct(given_)
+    assert list(found) == sorted(set(values))
+    assert list(found[of]) == values
+
+
+def test_what_a_law_is_told_moves_the_slip_as_it_is_told():
+    """D and F say the same: the force slows the rim less and the vehicle by F/m."""
+    numbers = {"J": 110.0, "r": 0.42, "m": 9000.0}
+    for D, wrong in ((1.5, 0.0), (1.5, 0.25), (-2.0, 0.5)):
+        told = {n: float(v) for n, v in own_gains.telling(D=D, wrong=wrong, **numbers).items()}
+        assert told["D_told"] == D + wrong
+        F = told["F_told"]
+        assert F * numbers["r"] ** 2 / numbers["J"] + F / numbers["m"] == pytest.approx(D + wrong)
+        still = (D + wrong) * numbers["J"] / numbers["r"]  # the torque that holds the slip
+        rises = own_gains.rising(T=still, D=D + wrong, J=numbers["J"], r=numbers["r"])["rises"]
+        assert float(rises) == pytest.approx(0, abs=1e-12)
+        more = own_gains.rising(T=still + 100, D=D + wrong, J=numbers["J"], r=numbers["r"])
+        assert float(more["rises"]) == pytest.approx(100 * numbers["r"] / numbers["J"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import exp
 
 import casadi as ca
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from slipctl import BadInput
 from slipctl.models.sensors import wheel_sensors_with_faults
+from slipctl.models.vehicle.air.pneumatics import brake_model
 from slipctl.models.wheel_rail.rail_memory import Cells, Layer, rail_field
 
 H, CELL, V = 1e-2, 0.5, 20.0
@@ -174,3 +176,44 @@ def test_each_kind_of_a_sensor_fails_as_it_says() -> None:
         assert read[2] == (u[2] if k < 2 else 0.0)
         assert read[3] == pytest.approx(u[3] if k < 1 else 0.75 * u[3])
     assert block.choices["kinds"] == ("", "frozen", "missing", "jumps")
+
+
+# ---- what a controller expects of its valves -----------------------------------------------------
+
+
+@pytest.mark.parametrize("ticks", [0, 1, 4])
+def test_the_expected_torque_follows_the_bits_and_ends_at_what_is_demanded(ticks) -> None:
+    """No further than it, holds it, and vents down to 0; each late by its dead time."""
+    block = brake_model(ticks).with_params(T=0.01, corrects=0.0)
+    p = {k: float(v) for k, v in block.param_values().items()}
+    demand = 0.31 * p["T_max"]
+
+    def run(x, bits, many):
+        told = []
+        for _ in range(many):
+            seen = float(x["T_h"])  # a sensor that is right
+            x, y = block(**x, hold=bits[0], vent=bits[1], T_b=seen, T_demand=demand)
+            told.append(float(y["expected"]))
+        return x, told
+
+    x, filled = run(block.start(), (0, 0), 400 + ticks)
+    assert filled[: ticks + 1] == pytest.approx([0.0] * (ticks + 1))
+    assert filled[ticks + 2] > 0
+    assert all(b >= a - 1e-9 for a, b in pairwise(filled))
+    assert filled[-1] == pytest.approx(demand, rel=1e-9)
+    assert max(filled) <= demand * (1 + 1e-12)
+    x, held = run(x, (1, 0), 30)  # nothing is under way any more
+    assert held == pytest.approx([demand] * 30)
+    x, vented = run(x, (1, 1), 400)
+    assert all(b <= a + 1e-9 for a, b in pairwise(vented))
+    assert vented[: ticks + 1] == pytest.approx([demand] * (ticks + 1))
+    assert 0 <= vented[-1] < 0.02 * demand
+
+
+def test_a_sensor_pulls_the_expected_torque_to_itself() -> None:
+    block = brake_model(0).with_params(T=0.01, corrects=2.0)
+    x, told = block.start(), []
+    for _ in range(200):
+        x, y = block(**x, hold=1, vent=0, T_b=500.0, T_demand=0.0)
+        told.append(float(y["expected"]))
+    assert told == pytest.approx([500 * (1 - 0.98**k) for k in range(200)], abs=1e-6)
