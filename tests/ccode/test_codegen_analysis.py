@@ -123,10 +123,9 @@ def cppcheck(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., A
         )
         script.chmod(0o755)
         monkeypatch.setattr(analysis, "tool", lambda: str(script))
-        text = "a\nb\nc\n"
+        made = {"guarded.c": "a\nb\nc\n", "guarded.h": "h\n", "test.c": "t\n", "report.md": "no C"}
         if kernel:
-            text = f"a\n{analysis.KERNEL[0]}\nb\nc\n{analysis.KERNEL[1]}\nd\n"
-        made = {"guarded.c": text, "guarded.h": "h\n", "test.c": "t\n", "report.md": "no C"}
+            made["guarded_parts.h"] = f"a\n{analysis.KERNEL[0]}\nb\nc\n{analysis.KERNEL[1]}\nd\n"
         return analysis.cppcheck_findings(Plan(guarded), made)
 
     return found
@@ -167,12 +166,13 @@ def test_an_advisory_finding_and_a_deviation_of_a_test_break_nothing(
 
 def test_findings_in_casadis_text_are_counted_apart(cppcheck: Callable[..., Any]) -> None:
     """From the first mark to the last; what stands before and behind is ours."""
-    lines = "".join(f"guarded.c:{k}:misra-c2012-7.1\n" for k in range(1, 7))
-    lines += f"guarded.c:3:misra-c2012-{ADVISED}\n"
+    home = "guarded_parts.h"
+    lines = "".join(f"{home}:{k}:misra-c2012-7.1\n" for k in range(1, 7))
+    lines += f"{home}:3:misra-c2012-{ADVISED}\n"
     said = cppcheck({"guarded.c": lines}, kernel=True)
     assert said["kernel_lines"] == 3
-    assert said["misra"] == {"kernel": {"7.1": 3, ADVISED: 1}, "guarded.c": {"7.1": 3}}
-    assert said["required"] == {"guarded.c 7.1": 3}
+    assert said["misra"] == {"kernel": {"7.1": 3, ADVISED: 1}, home: {"7.1": 3}}
+    assert said["required"] == {f"{home} 7.1": 3}
     assert analysis.summary(said).endswith("; in 3 lines of CasADi's 3 required, 1 advisory")
 
 

@@ -11,12 +11,11 @@ import pytest
 
 from slipctl import Input, Output, Param, State, connect, flow, law, sampled, step
 from slipctl.block.block import Block
+from slipctl.ccode.compile.template import fill_template
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.ship import fmu_source, fmu_xml
 
 fmpy = pytest.importorskip("fmpy")
-
-WRITE = {2: fmu_xml.description_2, 3: fmu_xml.description_3}
 
 
 @step(
@@ -56,7 +55,7 @@ def late(u=Input("s"), T=Param("s", 2.0, "lag", lo=0, hi=9)):
 
 def described(block: Block, version: int, now: bool = False, period: float | None = 0.01):
     """What FMPy reads, which it holds against the schema."""
-    text = WRITE[version](Plan(block, "ctl", period), "{a-b}", now)
+    text = fmu_xml.description(Plan(block, "ctl", period), version, "{a-b}", now)
     return text, {v.name: v for v in variables(text)}, fmpy_reads(text)
 
 
@@ -193,7 +192,7 @@ def test_the_page_and_the_list_of_sources_name_what_there_is() -> None:
     for v in fmu_xml.variables(plan):
         assert f"<tr><td>{v.name}</td><td>{v.member.signal.unit}</td><td>{v.causality}</td>" in text
     assert "two of them &lt;&amp;&gt;" in text
-    root = ElementTree.fromstring(fmu_xml.build_description(plan))
+    root = ElementTree.fromstring(fill_template("buildDescription.xml", n="ctl"))
     assert [e.get("name") for e in root.iter("SourceFile")] == ["ctl.c", "fmi3.c"]
     assert root.find("BuildConfiguration").get("modelIdentifier") == "ctl"
 

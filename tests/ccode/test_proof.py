@@ -221,23 +221,26 @@ def test_a_range_is_proven_where_its_line_is_valid(eva) -> None:
     plan = Plan(sums)
     made, at = codegen.texts(plan), _lines(plan)
     all_ = [_row("harness.c", k) for k in at.values()]
-    found += [all_, []]
+    found += [all_, [], []]
     said = module_proof.run_eva(plan, made)
     assert said["passed"]
     assert said["ranges"] == {"proven": 4, "of": 4, "open": [], "without": []}
-    assert (said["seconds"], said["non_finite"]) == (1.5, 0)
+    assert (said["seconds"], said["non_finite"]) == (3.0, 0)
     assert said["functions"] == {"ended": 0, "of": 0}
-    files, command = asked[0]
-    assert set(files) == {"harness.c", *plan.files}
+    files = asked[0][0]
+    assert set(files) == {"harness.c", "guards.c", "equations.c", *plan.files}
     assert files["sums.c"] == module_proof.written_out(made["sums.c"])
-    assert command[1:3] == ["harness.c", "sums.c"]
-    assert command[-2:] == ["-warn-special-float", "none"]
-    assert asked[1][1][-2:] == ["-warn-special-float", "non-finite"]
+    programs = [[name for name in command if name.endswith(".c")] for _, command in asked]
+    assert programs == [["harness.c", "guards.c"], ["equations.c"], ["equations.c"]]
+    special = [command[-2:] for _, command in asked]
+    assert special == [["-warn-special-float", "none"]] * 2 + [
+        ["-warn-special-float", "non-finite"]
+    ]
     for k, line in at.items():
         unknown = [_row("harness.c", n, "Unknown" if n == line else "Valid") for n in at.values()]
         for rows in ([r for r in all_ if r["line"] != str(line)], unknown):
             asked.clear()
-            found[:] = [rows, []]
+            found[:] = [rows, [], []]
             said = module_proof.run_eva(plan, made)
             assert not said["passed"]
             assert said["ranges"]["open"] == [k.replace("_", ".", 1)]
@@ -253,7 +256,9 @@ def test_an_alarm_is_what_is_open_in_the_module_itself(eva, status: str) -> None
     plan = Plan(sums)
     good = [_row("harness.c", k) for k in _lines(plan).values()]
     here = _row("sums.c", 7, status, "index_bound", "k < 3")
-    found += [[*good, here, _row("harness.c", 1, "Unknown"), _row("math.h", 3, "Unknown")], [here]]
+    beside = [_row("harness.c", 1, "Unknown"), _row("math.h", 3, "Unknown")]
+    of_guards = _row("guards.c", 7, status, "index_bound", "k < 3")
+    found += [[*good, of_guards, *beside], [here, _row("equations.c", 2, "Unknown")], [here]]
     said = module_proof.run_eva(plan, codegen.texts(plan))
     alarm = {"file": "sums.c", "line": 7, "function": "main", "kind": "index_bound",
              "condition": "k < 3"}  # fmt: skip
@@ -268,25 +273,37 @@ def test_where_there_is_no_end_the_guards_are_asked_and_nothing_has_passed(eva) 
     found, asked = eva
     plan = Plan(sums)
     good = [_row("harness.c", k) for k in _lines(plan).values()]
-    found += [None, good]
+    found += [good, None]
     said = module_proof.run_eva(plan, codegen.texts(plan), seconds=9)
     assert (said["ended"], said["of_guards"], said["passed"]) == (False, True, False)
-    assert (said["seconds"], said["limit_seconds"], said["non_finite"]) == (1.5, 9, None)
+    assert (said["seconds"], said["limit_seconds"], said["non_finite"]) == (3.0, 9, None)
     assert module_proof.summary(said) == (
         "Frama-C: no end in 9 s, nothing is proven of the equations; of the guards, whatever the"
         " equations give: 0 alarms, 4 of 4 ranges proven"
     )
-    body = asked[1][0]["sums.c"].split("void equations(")[1].split("\n}")[0]
-    for member in ("next->x = unknown", "next->kept[k] = unknown", "now->y = unknown",
-                   "now->z[k] = unknown", "(void)in;"):  # fmt: skip
+    files = asked[0][0]
+    assert files["guards.c"].count("\n") == files["sums.c"].count("\n")
+    body = files["guards.c"].split("void equations(")[1].split("\n}")[0]
+    for member in ("next->x = any", "next->kept[k] = any", "now->y = any", "now->z[k] = any",
+                   "(void)in;"):  # fmt: skip
         assert member in body
-    assert "static volatile double unknown;" in asked[1][0]["sums.c"]
     asked.clear()
-    found[:] = [None, None]
+    found[:] = [None, good]
     said = module_proof.run_eva(plan, codegen.texts(plan))
     assert (said["of_guards"], said["passed"]) == (False, False)
     assert module_proof.summary(said).endswith("nothing is proven of the equations")
     assert len(asked) == 2
+
+
+def test_the_equations_are_asked_from_any_state_in_its_ranges() -> None:
+    """And with any inputs; only the run in which NaN is an alarm has inputs in their ranges."""
+    plan = Plan(sums)
+    text = module_proof.equations_harness(plan)
+    assert "state->guard.last.u = any;\n" in text
+    assert re.search(r"state->kept.x = any; if \(!\(.*x >= -0x1.9000000000000p\+6\)", text)
+    assert "equations(&state->guard.last, used, &state->kept, &next, &now)" in text
+    within = module_proof.equations_harness(plan, finite=True)
+    assert re.search(r"last.u = any; if \(!\(.*u <= 0x1.0000000000000p\+0\)", within)
 
 
 def test_of_arrays_as_many_cases_are_kept_apart_as_they_have_numbers() -> None:
@@ -300,7 +317,6 @@ def test_of_arrays_as_many_cases_are_kept_apart_as_they_have_numbers() -> None:
     known = apart(module_proof._options(plan, text))
     assert all(re.search(rf"\b{name}\(", text) for name in known)
     assert (known["within"], known["accept"], known["sums_step"]) == (8, 16, 64)
-    assert apart(module_proof._options(plan, text, of_input=64))["accept"] == 64
     wide = text + "static void all_within(void) {}\n    for (int k = 0; k < 40; ++k) { }\n"
     assert apart(module_proof._options(plan, wide))["all_within"] == 4 * 40 + 16
     endless = wide + "    for (int k = 0; k < 9000; ++k) { }\n"

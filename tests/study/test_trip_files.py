@@ -356,7 +356,5 @@ def test_a_file_of_blocks_is_no_vehicle(tmp_path):
     """One line says so, in place of all that a vehicle needs."""
     path = tmp_path / "mine.toml"
     path.write_text('[soft]\nT_wanted = "k*u"\n', encoding="utf-8")
-    with pytest.raises(
-        BadInput, match="describes no vehicle, it has soft; slipctl new"
-    ):
+    with pytest.raises(BadInput, match="describes no vehicle, it has soft; slipctl new"):
         trip_files.load(str(path))

@@ -108,6 +108,9 @@ class Functions:
         self.letters |= {*inputs, *outputs}
         lines = name_locals(self._body(f, kind, inputs, outputs), "", self.taken(f))
         returns = returns_number(f)
+        if returns:
+            (out,) = (n for n in outputs if n)
+            lines = _with_return(lines, out)
         given = [_parameter("", n, f.nnz_in(i)) for i, n in enumerate(inputs) if n]
         if not returns:
             given += [_parameter("*", n, f.nnz_out(i)) for i, n in enumerate(outputs) if n]
@@ -391,6 +394,20 @@ class Functions:
                 at.lines.append(c.declare("double", r))
             passed.append(r if size > 1 else c.address(r))
         at.lines.append(c.do(c.call(called, [*given, *passed])))
+
+
+def _with_return(lines: list[C], out: str) -> list[C]:
+    """Statements of a function that returns its number, where they write it to an address."""
+    if out not in c.variables(lines):
+        return lines
+    number = c.name(out)
+
+    def rule(x: C) -> C | None:
+        if x == c.value_at(number):
+            return number
+        return c.address(number) if x == number else None
+
+    return [c.declare("double", number), *(x.change(rule) for x in lines), c.give(number)]
 
 
 def returns_number(f: ca.Function) -> bool:

@@ -359,15 +359,15 @@ def _each(m: Member, statement: str) -> list[str]:
     return [f"for (k = 0; k < {m.size}; ++k) {{", f"    {statement}", "}"]
 
 
-def _options(plan: Plan, text: str, of_input: int = 16) -> list[str]:
-    """Options of Eva: how many cases are kept apart in which function, ``of_input`` in accept."""
+def _options(plan: Plan, text: str) -> list[str]:
+    """Options of Eva: how many cases are kept apart in which function."""
     lay = plan.layout
     largest = max((m.size for m in (*lay.inputs, *lay.states, *lay.outputs)), default=1)
     turns = [int(n) for n in re.findall(r"\bfor \([^;]*; \w+ < (\d+); ", text)]
     largest = max([largest, *(n for n in turns if n <= TURNS)])  # an array that such a loop fills
     states = sum(m.size for m in plan.layout.states)
     wanted = {
-        "within": 8, "limit": 8, "can_follow": 8, "accept": of_input,
+        "within": 8, "limit": 8, "can_follow": 8, "accept": 16,
         "all_within": 4 * largest + 16, "limit_all": 4 * largest + 16, "check_inputs": 8,
         "part_off": 4 * states + 64, f"{plan.name}_step": 64,
         "reached": 8 * max(map(int, re.findall(r"reached\([\w>-]+, (\d+)", text)), default=0),
