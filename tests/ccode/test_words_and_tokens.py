@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slipctl.ccode.module.comments import WIDTH, comment
+from slipctl.ccode.module.header import _short
 from slipctl.ccode.ship import fmu
 from slipctl.ccode.tree import printer
 
@@ -64,3 +65,15 @@ def test_a_token_is_a_guid_of_its_texts() -> None:
     for token in tokens:
         assert re.fullmatch(r"\{[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}\}", token)
         assert str(uuid.UUID(token)) == token[1:-1]
+
+
+@given(st.lists(st.sampled_from([0.0, 0.5, -2.0, 1e-9]), min_size=1, max_size=9))
+def test_a_value_in_a_comment_is_one_number_or_the_first_four(values) -> None:
+    found = _short(values)
+    if len(set(values)) == 1:
+        assert float(found) == values[0]
+        return
+    body, more = found[1:-1].removesuffix(", ..."), found.endswith(", ...)")
+    assert [float(x) for x in body.split(", ")] == values[:4]
+    assert more == (len(values) > 4)
+    assert _short("2*m") == "2*m"

@@ -23,3 +23,14 @@ def test_words_of_an_expression(text: str, said: str) -> None:
 
 def test_what_is_derived_has_no_word() -> None:
     assert _said(expression("a + b"), "ctl", {"a"}) == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "turned", "plain"),
+    [("1.0 < a", "a_above_1", ""), ("2.0 <= ctl_b", "b_from_2", ""),
+     ("a < 1.0", *["a_below_1"] * 2),
+     ("a <= b", *["a_up_to_b"] * 2), ("2.0*a", *["a_times_2"] * 2), ("1.0 > a", "", "")],
+)  # fmt: skip
+def test_a_condition_is_said_by_what_is_no_number(text: str, turned: str, plain: str) -> None:
+    assert _said(expression(text), "ctl", (), turned=True) == turned
+    assert _said(expression(text), "ctl", ()) == plain

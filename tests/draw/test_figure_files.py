@@ -121,8 +121,8 @@ def test_a_figure_whose_panels_are_placed_by_hand_stays_as_it_is():
     """And one without panels is drawn too."""
     fig, axes = plots.panels()
     axes[0, 0].remove()
-    fig.canvas.draw()
+    figure_files.pictures(fig)
     by_hand = fig.add_axes((0.2, 0.3, 0.4, 0.5))
     by_hand.plot([0, 1], [0, 1])
-    fig.canvas.draw()
+    figure_files.pictures(fig)
     assert by_hand.get_position().bounds == pytest.approx((0.2, 0.3, 0.4, 0.5))

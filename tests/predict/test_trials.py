@@ -237,3 +237,14 @@ def test_a_soft_limit_that_a_stage_has_not_lies_far_below_and_hides_no_other() -
     assert rows() == [-1.0] * 6
     stub.soft = []
     assert rows() == []
+
+
+@pytest.mark.parametrize(
+    ("ranges", "end"),
+    [({"v": (3, 5), "v_ref": (-5, -4)}, "F_lo"), ({"v": (-5, -3), "v_ref": (4, 5)}, "F_hi")],
+)  # fmt: skip
+def test_either_bound_is_looked_at(ranges, end) -> None:
+    found = feasibility(controller(0.5), cart, ranges, starts=2, ticks=9)
+    assert found.largest_excess == (pytest.approx(0.5), "F")
+    good = feasibility(controller(), cart, ranges, starts=2, ticks=9)
+    assert good.kept, end
