@@ -53,7 +53,7 @@ from slipctl.ccode.tree.expressions import (
     number,
 )
 from slipctl.ccode.tree.functions import Functions
-from slipctl.ccode.tree.graph import free_name
+from slipctl.ccode.tree.graph import claim_name, free_name
 from slipctl.ccode.tree.loops import passed_on
 from slipctl.ccode.tree.nodes import Node
 from slipctl.ccode.tree.parser import code, expression
@@ -444,14 +444,11 @@ class Parts:
         local: dict[tuple[int, int], str] = {}
         for i, ((m, _), name) in enumerate(targets):
             for k in range(m.size):
-                own = local_name(name, "" if m.scalar else f"_{k}")
-                local[i, k] = free_name(own, taken)
-                taken.add(local[i, k])
+                local[i, k] = claim_name(local_name(name, "" if m.scalar else f"_{k}"), taken)
         for i, letter in page.names.items():
             for k in range(f.numel_out(i)):
-                own = free_name(letter if f.numel_out(i) == 1 else f"{letter}_{k}", taken)
-                local[i, k] = own
-                taken.add(own)
+                own = letter if f.numel_out(i) == 1 else f"{letter}_{k}"
+                local[i, k] = claim_name(own, taken)
         writer = Writer(
             f, lambda i, k: self._read(places, i, k), local, itertools.count(1),
             can_be=lambda i, k: self._given(places, i, k), shown=shown, known=len(known),
@@ -487,11 +484,9 @@ class Parts:
         taken = self.functions.taken(f) | self.functions.pointers
         free: dict[int, str] = {}
         for i, (_, name) in enumerate(targets):
-            free[i] = free_name(local_name(name), taken)
-            taken.add(free[i])
+            free[i] = claim_name(local_name(name), taken)
         for i, letter in page.names.items():
-            free[i] = free_name(letter, taken)
-            taken.add(free[i])
+            free[i] = claim_name(letter, taken)
         lines = self.functions.statements(
             f, sources, outputs, itertools.count(1),
             lambda i, k: self._given(places, i, k), len(targets), free,

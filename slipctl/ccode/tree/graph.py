@@ -252,6 +252,13 @@ def free_name(name: str, taken: set[str]) -> str:
     return next(n for n in itertools.chain([name], others) if n not in taken)
 
 
+def claim_name(word: str, taken: set[str]) -> str:
+    """A free name, which is taken from now on."""
+    found = free_name(word, taken)
+    taken.add(found)
+    return found
+
+
 def argument_names(f: ca.Function) -> list[str]:
     """Names that a Function's own symbols give its arguments; "" for i0, i1, ... of CasADi."""
     kind = f.class_name()
