@@ -42,7 +42,10 @@ from sites import Site
 LONGEST = 8.0
 """s of CPU: a test that takes longer as it is recorded is not asked."""
 
-DECLARING = ("test_defaults.py", "test_declared_models.py", "test_declared_estimate.py")
+DECLARING = (
+    "test_defaults.py", "test_declared_models.py", "test_declared_estimate.py",
+    "test_declared_predict.py", "test_declared_certify.py", "test_declared_ccode.py",
+)  # fmt: skip
 """Files of tests that hold what is declared as a file is imported, where no test runs its lines."""
 
 NOT_IN = "NOT PUT IN"
