@@ -45,7 +45,7 @@ def test_a_usual_vehicle_is_told_nothing(tmp_path):
     [
         ("vehicle__mass", "90 t", "an axle carries 45 t"),
         ("vehicle__inertia", "2000 kg m^2", "what turns"),
-        ("vehicle__resistance", {"a": "40 kN"}, "slows by 1.05 m/s"),
+        ("vehicle__resistance", {"a": "30 kN"}, "slows by 0.789 m/s"),
         ("vehicle__resistance", {"b": "1.2 kN s/m"}, "slows by 0.526 m/s"),
         ("vehicle__resistance", {"c": "100 N s^2/m^2"}, "slows by 0.731 m/s"),
         ("vehicle__speed", "125 m/s", "450 km/h"),
@@ -68,6 +68,7 @@ def test_what_no_train_has_is_told(place, value, told, tmp_path):
         ("vehicle__mass", "1000 t", "vehicle.mass"),
         ("vehicle__inertia", "0.5 kg m^2", "vehicle.inertia"),
         ("vehicle__resistance__a", "2 MN", "vehicle.resistance.a"),
+        ("vehicle__resistance__a", "40 kN", "vehicle.resistance.a"),
         ("actuator", {"kind": "valve", "torque": "700 kN m"}, "actuator.torque"),
         ("rail__conditions", {"leaves": {"c": 4.0}}, "rail.conditions.leaves"),
     ],

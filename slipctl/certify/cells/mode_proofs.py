@@ -40,6 +40,9 @@ WIDEST = 6
 GAIN = 0.05
 """Share by which a finer grid has to be better, else none is tried after it."""
 
+FARTHEST = 2.0**62
+"""Cells from zero as far as whole numbers count."""
+
 NEAR = Fraction(1, 10**9)
 """Share beyond a bound that floats may find: whole numbers then have to confirm the bound."""
 
@@ -128,8 +131,11 @@ def _grown(
     wide = np.array([float(s) for s in size])
 
     def cells_around(room: float) -> np.ndarray:
-        ends = [np.minimum(runs.low, starts[0]) - room * span,
-                np.maximum(runs.high, starts[1]) + room * span]  # fmt: skip
+        with np.errstate(all="ignore"):
+            ends = [np.minimum(runs.low, starts[0]) - room * span,
+                    np.maximum(runs.high, starts[1]) + room * span]  # fmt: skip
+            if not (np.abs(ends) < FARTHEST * wide).all():
+                raise NoProof("its runs go farther than cells reach")
         return np.array([np.floor(ends[0] / wide) - 1, np.floor(ends[1] / wide) + 1], np.int64)
 
     starts = np.array([[float(a), float(b)] for a, b in loop.start]).reshape(-1, 2).T
