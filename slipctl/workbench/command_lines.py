@@ -63,7 +63,6 @@ def command_words(
     plain = re.sub(r"\W", "_", f"{rig.study.name}_{rig.name}")
     out = desk.within(f"out/{plain}_{kind}", "")
     moved = numbers_in_words(numbers, rig.sliders)
-    made = ["--set", *moved] if moved else []
     if kind == "report":
         words = ["run", desk.home, "--loop", rig.name]
         words += ["--scenario", desk.scenario] if desk.scenario else []
@@ -77,9 +76,12 @@ def command_words(
             raise BadInput("a search needs a number with its range, such as ctl.law.K=5:50")
         words = [kind, f"{desk.home}:{rig.name}{where}", "--samples", str(_draws(request))]
         words += [{"tune": "--free", "sweep": "--vary"}[kind], *ranges] if ranges else []
+        if kind == "sweep":  # a slider of what is varied says nothing
+            varied = {r.partition("=")[0].strip() for r in ranges}
+            moved = [n for n in moved if n.partition("=")[0] not in varied]
         if kind == "tune":
             words += ["--minimise", word(request, "metric", "a metric")]
-    return [*words, *made, "--out", str(out)], out
+    return [*words, *(["--set", *moved] if moved else []), "--out", str(out)], out
 
 
 def words_of_replay(

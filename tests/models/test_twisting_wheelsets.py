@@ -44,7 +44,11 @@ def swung(block, slip, ticks, kick=1e-3):
     for _ in range(ticks):
         torque += 100 * (slip - held)
         drive = 6e5 * (slip - held) + torque + 2e4
-        x, y = block.f(x, block.pack("input", {"T": [drive], "T_b": 0.0, "F_d": 0.0}), p)
+        x, y = block.f(
+            x,
+            block.pack("input", {"T": [drive], "T_b": 0.0, "F_d": 0.0, "F_m": 0.0, "F_h": 0.0}),
+            p,
+        )
         out = block.unpack("output", y)
         held = float(out["v_s"])
         found.append(float(out["torsion"]))

@@ -459,6 +459,9 @@ def test_commands_of_the_page_are_lines_that_a_person_can_repeat(metro):
         f" --minimise stopping_distance --set 'm=40000.0 kg' --out {out}"
     )
     assert out.parent == metro.folder / "out"
+    moved = {"m": 40e3, "ctl.law.law.k1": 20.0}  # a slider of what a sweep varies says nothing
+    words, _ = command_words("sweep", metro, rig, moved, given)
+    assert words[words.index("--set") : words.index("--out")] == ["--set", "m=40000.0 kg"]
 
 
 @pytest.mark.parametrize(
