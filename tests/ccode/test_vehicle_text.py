@@ -131,12 +131,9 @@ def test_eva_proves_the_command_of_an_axle_whatever_its_slip_control_says(
     assert "0 alarms generated" in said
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("frama-c") is None, reason="no Frama-C")
-@pytest.mark.parametrize(
-    "loop",
-    [pytest.param("pid", marks=pytest.mark.second),
-     pytest.param("super_twisting", marks=pytest.mark.long)],
-)  # fmt: skip
+@pytest.mark.parametrize("loop", ["pid", "super_twisting"])
 def test_eva_proves_the_module_of_a_vehicle_file(loop: str) -> None:
     """No run-time error and every range, for any bits on any sensor and any number of ticks."""
     plan = _plan(loop)
