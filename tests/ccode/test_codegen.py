@@ -310,7 +310,9 @@ def test_held_step_is_a_branch_and_calls_only_what_must_be_called(tmp_path: Path
 
 @pytest.mark.second
 @pytest.mark.parametrize("around", [
-    lambda b: replicate(b, 3, ["u"]), lambda b: gated(b), lambda b: replicate(every(b, 2), 2),
+    pytest.param(lambda b: replicate(b, 3, ["u"]), marks=pytest.mark.long),
+    pytest.param(lambda b: gated(b), marks=pytest.mark.long),
+    lambda b: replicate(every(b, 2), 2),
     lambda b: connect("two", {"a.u": "u", "b.u": "a.linear", "y": "b.root"}, a=b, b=b),
 ])  # fmt: skip
 def test_a_part_with_solvers_runs_wherever_it_stands(around: Any, tmp_path: Path) -> None:

@@ -74,6 +74,7 @@ def test_the_same_bits(tmp_path: Path, workers: Any) -> None:
     assert there.about["processor"] == machine.processor()
 
 
+@pytest.mark.long
 def test_a_lost_worker_loses_no_run(
     tmp_path: Path, workers: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
