@@ -11,7 +11,8 @@ from __future__ import annotations
 import csv
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,9 @@ TURNS = 256
 HARNESS, GUARDS, EQUATIONS = "harness.c", "guards.c", "equations.c"
 """Files that are analysed: steps without end, of a module whose equations give any numbers, and
 one pass of the equations."""
+
+Row = tuple[float, float]
+"""Least and largest value of a number."""
 
 FREE = ("-warn-special-float", "none")
 """NaN and infinity are numbers."""
@@ -77,20 +81,15 @@ def harness(plan: Plan) -> str:
     hints = sorted({v for (what, _), rows in ends.items() if what != "in" for r in rows for v in r})
     body: list[str] = []
     for m in lay.inputs:
-        body += _each(m, f"in.{m.c}{'' if m.scalar else '[k]'} = any;")
+        body += _each(m, "in.", [None], lambda at, _: f"{at} = any;")
     step = f"{n}_step{'_counted' * plan.counter}"
     counted = ", number" * plan.counter
     body.append(f"(void){step}(&in, &param, &state, &out{counted});")
     for what, place, members in (
-        ("state", "state.kept", lay.states), ("out", "out", lay.outputs)
+        ("state", "state.kept.", lay.states), ("out", "out.", lay.outputs)
     ):  # fmt: skip
         for m in members:
-            rows = ends.get((what, m.c), [])
-            if len(set(rows)) == 1:
-                at = f"{place}.{m.c}{'' if m.scalar else '[k]'}"
-                body += _each(m, _check(what, m, at, rows[0]))
-            else:
-                body += [_check(what, m, m.at(f"{place}.", k), r) for k, r in enumerate(rows)]
+            body += _each(m, place, ends.get((what, m.c), []), partial(_check, what, m))
     structs = [f"    static {n}_{what} {what};" for what in ("param", "state", "in", "out")]
     widened = f'    /*@ widen_hints "all", {", ".join(v.hex() for v in hints)}; */'
     lines = [
@@ -117,12 +116,7 @@ def equations_harness(plan: Plan, finite: bool = False) -> str:
     ):  # fmt: skip
         for m in members:
             rows = ends.get((what, m.c), [None]) if finite or what == "state" else [None]
-            kind = lay.kind(m, plan.real)
-            if len(set(rows)) == 1:
-                place = f"{where}{m.c}{'' if m.scalar else '[k]'}"
-                body += _each(m, _drawn(place, kind, rows[0]))
-            else:
-                body += [_drawn(m.at(where, k), kind, row) for k, row in enumerate(rows)]
+            body += _each(m, where, rows, partial(_drawn, lay.kind(m, plan.real)))
     following = "state->next" if plan.next_in_state else "next"
     lines = [
         f'#include "{n}.c"', "", f"static volatile {plan.real} any;",
@@ -179,13 +173,13 @@ def run_eva(
         BadInput: Frama-C is not installed.
         RunFailed: it refuses the module.
     """
-    n = plan.name
+    frama_c, n = tool(), plan.name
     texts = {f: made[f] for f in plan.files[1:]}
     options = _options(plan, "".join(texts.values()))
     files, contracts = _with_contracts(plan, texts)
-    free = any_results(plan, files[f"{n}.c"])
+    free, steps = any_results(plan, files[f"{n}.c"]), harness(plan)
     halves = free != files[f"{n}.c"]
-    programs = {f"{n}.h": made[f"{n}.h"], **files, HARNESS: harness(plan), GUARDS: free}
+    programs = {f"{n}.h": made[f"{n}.h"], **files, HARNESS: steps, GUARDS: free}
     asked = [[HARNESS, GUARDS]]
     if halves:
         programs[EQUATIONS] = equations_harness(plan)
@@ -193,15 +187,15 @@ def run_eva(
     if contracts:
         asked.append([kernel_proof.PROOFS])
     with scratch_folder(programs) as folder:
-        found = [_analysed(folder, [tool(), *a, *options, *FREE], seconds) for a in asked]
+        found = [_analysed(folder, [frama_c, *a, *options, *FREE], seconds) for a in asked]
         ended = all(rows is not None for rows, _ in found)
         strict = None
         if finite and ended and halves and not contracts:
             (folder / EQUATIONS).write_text(equations_harness(plan, True), encoding="utf-8")
-            strictly = [tool(), EQUATIONS, *options, "-warn-special-float", "non-finite"]
+            strictly = [frama_c, EQUATIONS, *options, "-warn-special-float", "non-finite"]
             strict, _ = _analysed(folder, strictly, seconds)
     rows = [row for rows, _ in found for row in rows or []]
-    claims = _claims(harness(plan))
+    claims = _claims(steps)
     good = {int(r["line"]) for r in rows if r["file"] == HARNESS and _valid(r)}
     open_ = list(dict.fromkeys(name for line, name in claims.items() if line not in good))
     of = len(set(claims.values()))
@@ -210,7 +204,7 @@ def run_eva(
         r["file"] == kernel_proof.PROOFS and r["property kind"] == "user check"
         and r["status"] == "Valid" for r in rows
     )  # fmt: skip
-    said = run_program([tool(), "-version"])
+    said = run_program([frama_c, "-version"])
     return {
         "tool": f"Frama-C {said.stdout.strip()}, Eva",
         "options": " ".join([*FREE, *options]),
@@ -268,8 +262,7 @@ def any_results(plan: Plan, text: str) -> str:
     body = ["int k;", *(f"(void){a};" for a in given)]
     for pointer, members in (("next", lay.states), ("now", lay.signals)):
         for m in members:
-            place = f"{pointer}->{m.c}{'' if m.scalar else '[k]'}"
-            body += _each(m, f"{place} = {_any_of_kind(lay.kind(m, plan.real))};")
+            body += _each(m, f"{pointer}->", [None], partial(_drawn, lay.kind(m, plan.real)))
     body += ["return 0;"] * (found[1] == "int")
     line = with_structs(plan, " ".join(body)) + "\n" * found[2].count("\n")
     declared = f"static volatile {plan.real} any; static volatile int whole; "
@@ -326,24 +319,15 @@ def _ends(plan: Plan) -> dict[tuple[str, str], list[tuple[float, float]]]:
     return found
 
 
-def _check(what: str, m: Member, at: str, row: tuple[float, float]) -> str:
+def _check(what: str, m: Member, at: str, row: Row) -> str:
     """A claim; hexadecimal, as a decimal number is a real one there and not the nearest double."""
     return f"/*@ check {what}_{m.c}: {row[0].hex()} <= {at} <= {row[1].hex()}; */"
 
 
-def _any_of_kind(kind: str) -> str:
-    """Any number of a kind, in C."""
-    kinds = {
-        "bool": "(whole != 0)",
-        "int": "whole",
-        "unsigned int": "(unsigned int)whole",
-    }
-    return kinds.get(kind, "any")
-
-
-def _drawn(place: str, kind: str, row: tuple[float, float] | None) -> str:
-    """A statement that makes a state any number in its range."""
-    drawn = f"{place} = {_any_of_kind(kind)};"
+def _drawn(kind: str, place: str, row: Row | None) -> str:
+    """A statement that makes a number of a kind any one in its range, if it has one."""
+    kinds = {"bool": "(whole != 0)", "int": "whole", "unsigned int": "(unsigned int)whole"}
+    drawn = f"{place} = {kinds.get(kind, 'any')};"
     if kind == "bool" or row is None:
         return drawn
     integer = kind in ("int", "unsigned int")
@@ -352,11 +336,16 @@ def _drawn(place: str, kind: str, row: tuple[float, float] | None) -> str:
     return f"{drawn} if (!({inside})) {{ {place} = {low}; }}"
 
 
-def _each(m: Member, statement: str) -> list[str]:
-    """A statement for a number, or for each element ``k``."""
+def _each(
+    m: Member, where: str, rows: Sequence[Any], statement: Callable[[str, Any], str]
+) -> list[str]:
+    """Statements for the elements of a member, of place and row; a loop where rows are alike."""
+    if len(set(rows)) != 1:
+        return [statement(m.at(where, k), row) for k, row in enumerate(rows)]
     if m.scalar:
-        return [statement]
-    return [f"for (k = 0; k < {m.size}; ++k) {{", f"    {statement}", "}"]
+        return [statement(f"{where}{m.c}", rows[0])]
+    one = statement(f"{where}{m.c}[k]", rows[0])
+    return [f"for (k = 0; k < {m.size}; ++k) {{", f"    {one}", "}"]
 
 
 def _options(plan: Plan, text: str) -> list[str]:
