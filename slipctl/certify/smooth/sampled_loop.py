@@ -142,7 +142,7 @@ def residuals(loop: SampledLoop, cell: Cell, make: Make) -> list[Range]:
     for name, rest in zip(loop.states, cell.rest, strict=True):
         low, high = ends_of(at[name])
         found.append((low - rest, high - rest))
-    if not loop.slow:
+    if all(a == b for a, b in cell.slow):
         return found
     by = [f"x_{s}" for s in loop.states] + [f"p_{s}" for s in loop.slow]
     slopes = slope_ranges(loop, input_enclosures(loop, cell, make), by)

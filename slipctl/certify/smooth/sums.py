@@ -38,6 +38,9 @@ from slipctl.certify.smooth.sums_check import (
 MOST_TICKS = 60_000
 """Most ticks of a sum."""
 
+BLOCK = 64
+"""Ticks that are summed up at once."""
+
 ROOM = 1e-3
 """Share by which the box is wider than what the search says of it."""
 
@@ -141,14 +144,10 @@ class _Search:
         ticks, n = self._ticks(A), self.n
         sources = np.hstack([self.B, np.eye(n)])
         sums, most, now = np.zeros_like(sources), np.zeros_like(sources), sources
-        block = np.empty((64, n, n))
-        block[0] = np.eye(n)
-        for k in range(1, 64):
-            block[k] = A @ block[k - 1]
-        jump = A @ block[63]
-        flat = block.reshape(64 * n, n)
-        for _ in range(math.ceil(ticks / 64)):
-            part = np.abs(flat @ now).reshape(64, n, -1)
+        block, jump = _powers(A)
+        flat = block.reshape(BLOCK * n, n)
+        for _ in range(math.ceil(ticks / BLOCK)):
+            part = np.abs(flat @ now).reshape(BLOCK, n, -1)
             sums += part.sum(axis=0)
             most = np.maximum(most, part.max(axis=0))
             now = jump @ now
@@ -158,10 +157,12 @@ class _Search:
     def _middle(self, A: np.ndarray, m: np.ndarray) -> np.ndarray:
         """max_t |sum_(s < t) A^s m|."""
         total, now, most = np.zeros(self.n), m.copy(), np.zeros(self.n)
-        for _ in range(min(self._ticks(A), 20_000)):
-            total = total + now
-            most = np.maximum(most, np.abs(total))
-            now = A @ now
+        block, jump = _powers(A)
+        summed = block.cumsum(axis=0)
+        for _ in range(math.ceil(min(self._ticks(A), 20_000) / BLOCK)):
+            part = total + summed @ now
+            most = np.maximum(most, np.abs(part).max(axis=0))
+            total, now = part[-1], jump @ now
         return most
 
     def grown(self, A: np.ndarray) -> np.ndarray:
@@ -251,6 +252,15 @@ class _Search:
             "P": [[str(round(P[i, j] * 2**20)) for j in range(i + 1)] for i in range(self.n)],
             "decay": str(Fraction(rho * rho)), "ticks": self._ticks(A),
         }  # fmt: skip
+
+
+def _powers(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A^0 to A^(BLOCK - 1), and A^BLOCK."""
+    block = np.empty((BLOCK, *A.shape))
+    block[0] = np.eye(len(A))
+    for k in range(1, BLOCK):
+        block[k] = A @ block[k - 1]
+    return block, A @ block[-1]
 
 
 def _whole(matrix: np.ndarray) -> list[list[Any]]:

@@ -94,6 +94,13 @@ class Tally:
         for name in ("false_certified", "false_refuted", "undecided_cases"):
             getattr(self, name).extend(getattr(other, name))
 
+    @classmethod
+    def of(cls, payload: dict[str, Any]) -> Tally:
+        """What entries of the evidence say."""
+        kept = {k: payload[k] for k in ("certified", "refuted", "undecided", "false_certified",
+                                        "false_refuted")}  # fmt: skip
+        return cls(**kept, undecided_cases=payload["undecided_examples"])
+
     def payload(self) -> dict[str, Any]:
         """Entries of the evidence."""
         return {

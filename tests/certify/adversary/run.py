@@ -1,13 +1,15 @@
 """Hold every verdict of certify against the adversaries: python tests/certify/adversary/run.py.
 
 By hand before an issue is closed, 10 000 cases a system; exits with 1 if a verdict was false. With
---out the outcome goes into a file, where systems that were not run keep what they had.
+--out the outcome goes into a file, where systems that were not run keep what they had. It is
+written after each hundred cases; --more goes on with what it holds of the same seed and code.
 """
 
 from __future__ import annotations
 
 import argparse
 import datetime
+import hashlib
 import json
 import os
 import sys
@@ -39,14 +41,29 @@ def block(name: str, n: int, seed: int) -> common.Tally:
     return common.trial(common.adversaries()[name], n, seed, every=10)
 
 
+def code() -> str:
+    """Sum over the code that decides and that attacks."""
+    root, found = Path(__file__).parents[3], hashlib.sha256()
+    for folder in (root / "slipctl" / "certify", Path(__file__).parent):
+        for path in sorted(folder.rglob("*.py")):
+            found.update(path.read_bytes())
+    return found.hexdigest()[:16]
+
+
+def kept(out: Path | None) -> dict[str, Any]:
+    """Outcomes in a file of evidence, by system."""
+    if out is None or not out.exists():
+        return {}
+    found: dict[str, Any] = json.loads(out.read_text(encoding="utf-8"))["numbers"]
+    return found
+
+
 def recorded(out: Path, name: str, entry: dict[str, Any]) -> None:
     """Write the outcome of a system into a file of evidence, beside those of the others."""
     from bench import speed
     from slipctl.run import store
 
-    numbers: dict[str, Any] = {}
-    if out.exists():
-        numbers = json.loads(out.read_text(encoding="utf-8"))["numbers"]
+    numbers = kept(out)
     numbers[name] = {
         **entry,
         "date": datetime.date.today().isoformat(),
@@ -69,18 +86,21 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--more", action="store_true")
     options = parser.parse_args()
-    false = 0
+    false, same = 0, {"seed": options.seed, "code": code()}
     with ProcessPoolExecutor(options.jobs) as pool:
         for name in options.systems or known:
-            start, tally = perf_counter(), common.Tally()
-            sizes = [min(BLOCK, options.cases - at) for at in range(0, options.cases, BLOCK)]
-            jobs = [pool.submit(block, name, n, options.seed * 1000 + i)
-                    for i, n in enumerate(sizes)]  # fmt: skip
+            start, tally, before = perf_counter(), common.Tally(), kept(options.out).get(name, {})
+            if options.more and same.items() <= before.items():
+                tally = common.Tally.of(before)
+            jobs = [pool.submit(block, name, min(BLOCK, options.cases - at),
+                                options.seed * 1000 + at // BLOCK)
+                    for at in range(tally.cases, options.cases, BLOCK)]  # fmt: skip
             for job in jobs:
                 tally.add(job.result())
                 if options.out:  # so far, should it be stopped
-                    recorded(options.out, name, {"seed": options.seed, **tally.payload()})
+                    recorded(options.out, name, {**same, **tally.payload()})
             false += len(tally.false_certified) + len(tally.false_refuted)
             print(f"{name}: {tally.certified} CERTIFIED, {tally.refuted} REFUTED,"
                   f" {tally.undecided} UNDECIDED ({tally.share_undecided:.1%});"
