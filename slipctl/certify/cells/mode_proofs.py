@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -22,7 +21,7 @@ from slipctl.certify.cells.mode_cells import (
     ways_to_check,
 )
 from slipctl.certify.cells.mode_growth import Growth, Work
-from slipctl.certify.cells.mode_runs import Runs, worst_runs
+from slipctl.certify.cells.mode_runs import Bounds, Runs, worst_runs
 from slipctl.certify.entries import DoesNotHold, read_mapping
 from slipctl.certify.smooth.sums import NoProof
 
@@ -45,9 +44,6 @@ FARTHEST = 2.0**62
 
 NEAR = Fraction(1, 10**9)
 """Share beyond a bound that floats may find: whole numbers then have to confirm the bound."""
-
-Bounds = Mapping[str, Ends]
-"""Least and largest value that a state may have, by its name."""
 
 
 @dataclass(frozen=True)
@@ -223,7 +219,7 @@ def run_ticks(loop: ModeLoop) -> int:
     return 500 * min(max(round(loop.stride / 2.5), 1), 4)
 
 
-def runs_of_loop(loop: ModeLoop, most: int | None = None) -> Runs:
-    """Runs of a loop, of so many ticks at most."""
+def runs_of_loop(loop: ModeLoop, most: int | None = None, bounds: Bounds | None = None) -> Runs:
+    """Runs of a loop, of so many ticks at most; with bounds none farther than one beyond them."""
     ticks = run_ticks(loop)
-    return worst_runs(loop, ticks if most is None else min(ticks, most))
+    return worst_runs(loop, ticks if most is None else min(ticks, most), bounds=bounds)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from slipctl.certify.arithmetic.decimal_intervals import Interval
-from slipctl.certify.cells.mode_cells import ModeLoop
+from slipctl.certify.cells.mode_cells import Ends, ModeLoop
 from slipctl.certify.entries import DoesNotHold, rows, whole
 
 RUNS = 600
@@ -26,6 +26,9 @@ MOST_RUN = 20_000
 DIGITS = 120
 """Digits of a run that is replayed."""
 
+Bounds = Mapping[str, Ends]
+"""Least and largest value that a state may have, by its name."""
+
 
 @dataclass(frozen=True)
 class Runs:
@@ -36,6 +39,8 @@ class Runs:
         worst: by watched state and side (-1, 1) the farthest value, and the run: its start as
             signs by real state, and its pushes as signs by tick and push.
         kept: ends of a further output that was asked for.
+        bounds: what was wanted of states. ended: whether the search for the farthest run of one
+            ended as soon as a run was beyond.
     """
 
     low: np.ndarray
@@ -43,6 +48,8 @@ class Runs:
     visited: list[tuple[np.ndarray, np.ndarray]]
     worst: Mapping[tuple[str, int], tuple[float, np.ndarray, np.ndarray]]
     kept: tuple[Fraction, Fraction] = (Fraction(0), Fraction(0))
+    bounds: Bounds | None = None
+    ended: bool = False
 
 
 class _Search:
@@ -98,12 +105,13 @@ class _Search:
         many = len(loop.reals)
         low = np.array(states[:many])
         high = low.copy()
+        pushes = np.where(signs > 0, self.high, self.low).transpose(1, 2, 0)
         for t in range(self.ticks):
-            push = np.where(signs[:, t] > 0, self.high, self.low)
-            given = [*states, *push.T]
+            given = [*states, *pushes[t]]
             with np.errstate(all="ignore"):
                 after = self.run(*(given[i] for i in inputs))
-            states = [np.broadcast_to(np.asarray(after[i], float), (rows,)) for i in to]
+            numbers = [np.asarray(after[i], float) for i in to]
+            states = [x if x.ndim else np.full(rows, x) for x in numbers]
             if self.kept:
                 value = np.asarray(after[outputs.index(self.kept)])
                 self.ends = [min(self.ends[0], value.min()), max(self.ends[1], value.max())]
@@ -123,18 +131,24 @@ class _Search:
         return low, high
 
 
-def worst_runs(loop: ModeLoop, ticks: int, seed: int = 0, kept: str = "") -> Runs:
+def worst_runs(
+    loop: ModeLoop, ticks: int, seed: int = 0, kept: str = "", bounds: Bounds | None = None
+) -> Runs:
     """Search for runs in which the watched states come farthest, in floats.
 
     Args:
         loop: the loop. ticks: of each run. seed: of its pushes. kept: a further output whose ends
-            are wanted.
+            are wanted. bounds: least and largest value by state, None for none; no run is looked
+            for that is farther than one that is beyond them.
     """
     search = _Search(loop, ticks, seed, kept)
     worst: dict[tuple[str, int], tuple[float, np.ndarray, np.ndarray]] = {}
+    ended = False
     for name in loop.watched:
         k = loop.reals.index(name)
-        for side in (1, -1):
+        least, most = (bounds or {}).get(name, (None, None))
+        for side, bound in ((1, most), (-1, least)):
+            limit = np.inf if bound is None else side * float(bound)
             starts = search.rng.choice([-1, 1], (RUNS, len(loop.reals)))
             signs = search.pushes()
             for generation in range(GENERATIONS if side > 0 else 2):
@@ -148,11 +162,20 @@ def worst_runs(loop: ModeLoop, ticks: int, seed: int = 0, kept: str = "") -> Run
                         starts[best].copy(),
                         signs[best].copy(),
                     )
+                if beyond(far[best], limit):
+                    ended = True
+                    break
                 if generation + 1 < GENERATIONS:
                     signs = search.altered(signs, order[:30])
                     starts[:30] = starts[order[:30]]
     ends = [Fraction(float(e)) for e in search.ends]
-    return Runs(search.lowest, search.highest, search.visited, worst, (ends[0], ends[1]))
+    return Runs(search.lowest, search.highest, search.visited, worst, (ends[0], ends[1]), bounds,
+                ended)  # fmt: skip
+
+
+def beyond(far: float, limit: float) -> bool:
+    """Whether a value in floats is beyond its limit, by more than roundings."""
+    return bool(far > limit + abs(limit) * 1e-9)
 
 
 def farthest_of_runs(

@@ -11,12 +11,11 @@ from typing import Any
 from slipctl.certify.cells.mode_cells import ModeLoop
 from slipctl.certify.cells.mode_proofs import (
     WORK,
-    Bounds,
     check_evidence,
     find_cells,
     runs_of_loop,
 )
-from slipctl.certify.cells.mode_runs import Runs, replay_run, run_entries
+from slipctl.certify.cells.mode_runs import Bounds, Runs, beyond, replay_run, run_entries
 from slipctl.certify.entries import DoesNotHold, rational, read_mapping
 from slipctl.certify.promise import (
     Criterion,
@@ -102,14 +101,19 @@ class Question:
     def _bounds(self, n: Numbers) -> Bounds:
         return {x: s.ends(n.get(s.high)) for x, s in self.stays.items()}
 
-    def runs(self, loop: ModeLoop, within: int | None = None) -> Runs:
-        """Runs of a loop, simulated once, of no more ticks than it is asked for."""
+    def runs(self, loop: ModeLoop, within: int | None = None, bounds: Bounds | None = None) -> Runs:
+        """Runs of a loop, simulated once, of no more ticks than it is asked for.
+
+        With bounds the search ends as soon as a run is beyond them; without, it looks for the
+        farthest one.
+        """
         most = min((k for k in (within, self.ticks) if k is not None), default=None)
         key = (loop.code.steps, loop.start, tuple(loop.push.items()), loop.stride, most)
-        if key not in self._seen:
+        found = self._seen.get(key)
+        if found is None or (found.ended and found.bounds != bounds):
             self._seen.clear()
-            self._seen[key] = runs_of_loop(loop, most)
-        return self._seen[key]
+            self._seen[key] = found = runs_of_loop(loop, most, bounds)
+        return found
 
     def find(self, n: Numbers) -> Entries | None:
         """Entries of a proof; None where none is found."""
@@ -125,7 +129,7 @@ class Question:
     def _searched(self, n: Numbers) -> Entries | None:
         try:
             loop = self.loop(n)
-            runs = self.runs(loop, self.within(n))
+            runs = self.runs(loop, self.within(n), self._bounds(n))
             found = find_cells(loop, self._bounds(n), runs, self.work)
         except (NoProof, ArithmeticError) as error:
             self.why.append(str(error))
@@ -175,8 +179,9 @@ class Question:
         if state not in loop.reals:  # its pushes hold more than any axle does
             return None
         for side in (1, -1) if self.stays[state].both else (1,):
-            far, starts, signs = self.runs(loop, self.within(n)).worst[state, side]
-            if side * far > float(limit) * (1 + 1e-9):
+            runs = self.runs(loop, self.within(n), self._bounds(n))
+            far, starts, signs = runs.worst[state, side]
+            if beyond(side * far, float(limit)):
                 return run_entries(starts, signs)
         return None
 
