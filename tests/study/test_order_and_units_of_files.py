@@ -1,4 +1,4 @@
-"""The order of keys in a file, and the unit in which a number stands, change nothing of what it says.
+"""The order of keys and the units of numbers change nothing of what a file says.
 
 The shipped vehicles are written anew by code of this file: keys and tables in another order, each
 number in another unit of its kind.
@@ -22,7 +22,8 @@ ANOTHER = {
     "t": ("kg", 1000), "km/h": ("m/h", 1000), "m": ("mm", 1000), "ms": ("us", 1000),
     "s": ("min", Fraction(1, 60)), "kN": ("N", 1000), "kN m": ("MN mm", 1),
     "kg m^2": ("g m^2", 1000), "m/s^2": ("km/h/s", Fraction(18, 5)),
-    "m/s": ("km/h", Fraction(18, 5)), "1/s": ("1/min", 60), "bar": ("kPa", 100), "bar/s": ("kPa/s", 100), "%": ("per mille", 10),
+    "m/s": ("km/h", Fraction(18, 5)), "1/s": ("1/min", 60), "bar": ("kPa", 100),
+    "bar/s": ("kPa/s", 100), "%": ("per mille", 10),
     "m/s^3": ("mm/s^3", 1000), "mm": ("um", 1000), "Hz": ("1/min", 60),
 }  # fmt: skip
 """By unit another one, and how many of it one is."""
