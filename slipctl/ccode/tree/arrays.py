@@ -361,6 +361,9 @@ class Arrays(Writer):
         if self._size(source) == 1 and set(node.detail) == {0}:
             self._same(k, source)
             return
+        if max(node.detail) < 0:  # nothing of it, which may have no numbers
+            self.values[k] = Value(constant(0.0), ATOM)
+            return
         base, offset = self._stored(source)
         if node.size == 1:
             self.values[k] = Value(c.index(base, offset + node.detail[0]), ATOM)
@@ -433,8 +436,8 @@ class Arrays(Writer):
         if node.op in (ca.OP_NORM1, ca.OP_NORMINF):
             values = [c.call("fabs", values)]
         if node.op in (DOT, ca.OP_NORMF):
-            left, right = (self._operand(a, 7) for a in (*node.args, *node.args)[:2])
-            values = [c.op(left, "*", right)]
+            one, other = (*node.args, *node.args)[:2]
+            values = [self._compose(Node(ca.OP_MUL, (one, other)), False).c]
         if node.op in (LARGEST, SMALLEST, ca.OP_NORMINF):
             way = "lesser" if node.op == SMALLEST else "greater"
             if node.op != ca.OP_NORMINF:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from slipctl.ccode.tree.expressions import Node, Unsupported
-from slipctl.ccode.tree.graph import CALLED, SPREAD, SUM_OF, Step, steps, taken_apart
+from slipctl.ccode.tree.expressions import Node
+from slipctl.ccode.tree.graph import CALLED, SPREAD, SUM_OF, Step, taken_apart
 
 
 def map_body(f: ca.Function) -> tuple[ca.Function, int]:
@@ -31,10 +31,9 @@ class Sums:
 
 def sums(f: ca.Function) -> Sums | None:
     """What a Function sums, if it is a map of its arguments and sums all that comes of it."""
-    try:
-        nodes, outputs = steps(f)
-    except Unsupported:
+    if (apart := taken_apart(f)) is None:
         return None
+    nodes, outputs = apart
     called = [n for n in nodes if n.op == CALLED]
     calls = {n.place[0] for n in called}
     if len(calls) != 1 or not isinstance(called[0], Step) or f.n_out() < 2:
@@ -88,10 +87,9 @@ class Shared:
 
 def shared_columns(f: ca.Function) -> Shared | None:
     """What a Function evaluates with columns of its arguments, and with some as they are."""
-    try:
-        nodes, outputs = steps(f)
-    except Unsupported:
+    if (apart := taken_apart(f)) is None:
         return None
+    nodes, outputs = apart
     called = [n for n in nodes if isinstance(n, Step) and n.op == CALLED]
     if len({n.place[0] for n in called}) != 1:
         return None
@@ -117,10 +115,9 @@ def shared_columns(f: ca.Function) -> Shared | None:
 
 def call_chain(f: ca.Function) -> tuple[ca.Function, int] | None:
     """What a Function calls one after the other, on its first argument, and how often."""
-    try:
-        nodes, outputs = steps(f)
-    except Unsupported:
+    if (apart := taken_apart(f)) is None:
         return None
+    nodes, outputs = apart
     called = [n for n in nodes if isinstance(n, Step) and n.op == CALLED]
     names = {n.detail[0].serialize() for n in called}
     if len(called) < 3 or len(names) != 1 or f.n_out() != 1 or f.nnz_out(0) < 2:
@@ -181,7 +178,10 @@ def accumulation_body(f: ca.Function) -> tuple[ca.Function, int] | None:
     if len(counts) != 1 or inner.nnz_in(0) != f.nnz_in(0) or inner.nnz_out(0) != inner.nnz_in(0):
         return None
     (n,) = counts
+    wide = [(inner.size1_in(i), n * inner.size2_in(i)) for i in range(1, f.n_in())]
     if n != int(n) or n < 3 or not all(inner.sparsity_in(i).is_dense() for i in range(f.n_in())):
+        return None
+    if wide != [f.size_in(i) for i in range(1, f.n_in())]:
         return None
     rng = np.random.default_rng(1)
     given = [rng.uniform(0.1, 1, f.size_in(i)) for i in range(f.n_in())]

@@ -188,7 +188,10 @@ def _scan(f: ca.Function, flat: _Flat, least: int = LEAST) -> Scan | None:
         if rows[0] == whole:
             if all(r == whole for r in rows) and n > 1:
                 continue
-            result = int(rows[1][0][1]) if n > 1 and len(rows[1][0]) == 3 else -1
+            before = rows[1][0] if n > 1 else ()
+            if len(before) < 3 or before[0] == -1:  # no result of the first call
+                return None
+            result = int(before[1])
             if all(r == _results(c, inner, result) for c, r in enumerate(rows[1:])):
                 carried[i] = result
                 continue
