@@ -222,14 +222,13 @@ def _step(op: int, args: tuple[int, ...], size: int, mx: ca.MX, nodes: Sequence[
 
 
 def _nonzeros(args: tuple[int, ...], size: int, mx: ca.MX) -> Step:
-    """Which nonzeros are taken, found by asking CasADi with their numbers as values."""
-    sources = [mx.dep(k) for k in range(mx.n_dep())]
-    symbols = [ca.MX.sym("x", s.sparsity()) for s in sources]
-    f = ca.Function("which", symbols, [ca.graph_substitute(mx, sources, symbols)])
-    ends = list(itertools.accumulate((s.nnz() for s in sources), initial=0))
-    numbers = [ca.DM(s.sparsity(), list(range(*e)))
-               for s, e in zip(sources, itertools.pairwise(ends), strict=True)]  # fmt: skip
-    taken = [int(v) for v in f.call(numbers)[0].nonzeros()]
+    """Which nonzeros of all arguments are taken, one after the other."""
+    taken = [int(v) for v in mx.mapping().nonzeros()]
+    if mx.op() == ca.OP_SETNONZEROS:
+        own = list(range(first := mx.dep(0).nnz()))
+        for k, place in enumerate(taken, start=first):
+            own[place] = k
+        taken = own
     stride = taken[1] - taken[0] if len(taken) > 1 else 1
     if stride > 0 and taken == [taken[0] + stride * k for k in range(len(taken))]:
         return Step(SLICE, args, size=size, detail=(taken[0], stride))
