@@ -169,7 +169,8 @@ class Parts:
         """Write one function for all copies, and the loop that calls it."""
         (inner,) = block.parts.values()
         n = int(block.choices["copies"])
-        axis = "0" if n == 1 else next((s.axis for s in block.outputs.values() if s.axis), "i")
+        given = (*block.outputs.values(), *block.states.values())
+        axis = "0" if n == 1 else next((s.axis for s in given if s.axis), "each")
         outer = set(self.functions.pointers)
         self.functions.reserved.add(axis)
         self.functions.pointers.add(axis)
