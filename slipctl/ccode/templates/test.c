@@ -148,7 +148,10 @@ int main(int argc, char **argv)
 #endif
 {
     static double row[N_ROW];
+//@ if !n_in !n_param
+//@ else
     static real raw[N_ROW];
+//@ end
     static real given[@n_answers@]; /* outputs and states as they were last looked at */
     static double limits[N_LIMITS]; /* largest difference; 1 if only of the envelope */
     static double worst[N_SIGNALS];
