@@ -72,14 +72,17 @@ def _slip(results: Any) -> Any:
 
 def signals_of_trip(trip: Trip) -> Signals:
     """Which signals of its logs play which role."""
-    more = {}
+    vehicle = trip.vehicle
+    more: dict[str, Any] = {}
+    if len(vehicle.worked) < vehicle.axles:
+        more = {"axles": tuple(vehicle.worked)}
     if isinstance(trip.actuator, Air):
-        more = {"air_used": "plant.air.used", "valve_changes": "plant.act.switched",
+        more |= {"air_used": "plant.air.used", "valve_changes": "plant.act.switched",
                 "pressure": "plant.act.pressure", "holding": "plant.act.valves.hold",
                 "venting": "plant.act.valves.vent"}  # fmt: skip
         if trip.actuator.reservoir is not None:
             more["air_left"] = "plant.air.left"
-    return replace(SIGNALS, mirrored=trip.vehicle.mode == "drive", **more)
+    return replace(SIGNALS, mirrored=vehicle.mode == "drive", **more)
 
 
 def numbers_without_unit(trip: Trip) -> Iterator[str]:

@@ -208,7 +208,7 @@ def of_some(every: Block, axles: Sequence[int]) -> Block:
 
     return make_block(
         every.name, "law", body, inputs=list(every.inputs.values()),
-        outputs=[replace(y, shape=(len(axles),))], sx=every.sx,
+        outputs=[replace(y, shape=(len(axles),))], sx=every.sx, choices={"axles": tuple(axles)},
         doc=f"Of the axles {', '.join(str(k + 1) for k in axles)}.",
     )  # fmt: skip
 

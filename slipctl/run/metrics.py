@@ -131,7 +131,7 @@ def _torque_variation(run: Run) -> Metric | None:
 
 @_metric("mean |mu| / mu_max while faster than 1 m/s", "high", ("adhesion", "best_adhesion"))
 def _adhesion_use(run: Run) -> Metric | None:
-    mu, best = run.each("adhesion"), run.each("best_adhesion")
+    mu, best = run.worked("adhesion"), run.worked("best_adhesion")
     if mu is None or best is None or not run.moving.any():
         return None
     return Metric(float(np.mean(np.abs(mu[run.moving]) / np.abs(best[run.moving]))), "1")

@@ -45,6 +45,7 @@ class Signals:
         holding, venting: bits of its two valves, each 1 while energized.
         mark: place that the vehicle may not pass, in m.
         mirrored: whether the slip is that of driven wheels seen as braked ones.
+        axles: of which slip and torque are told, counted from 0, where others only roll.
     """
 
     speed: Names = None
@@ -74,6 +75,7 @@ class Signals:
     venting: Names = None
     mark: Names = None
     mirrored: bool = False
+    axles: Sequence[int] | None = None
 
     def __post_init__(self) -> None:
         check_kinds("Signals", Signals, vars(self))

@@ -41,6 +41,24 @@ def test_a_wheel_that_is_locked_for_a_second():
     assert got["lock_time"] == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("worked", [(0, 2), (1,), None])
+def test_what_is_told_of_worked_axles_is_theirs(worked):
+    """Three axles of which some have a brake: heat of a lock, share of the adhesion."""
+    axles = [0, 1, 2] if worked is None else list(worked)
+    v, slip, power = np.full(300, 10.0), np.zeros((300, 3)), np.zeros((300, 3))
+    slip[:100, axles[-1]] = 10.0
+    power[:100] = np.array([1e3, 2e3, 4e3])
+    mu, best = (np.tile(x, (300, 1)) for x in ([0.01, 0.02, 0.06], [0.1, 0.1, 0.1]))
+    whole = log(v, slip, power, mu=mu, best=best)
+    whole["s"] = (("time", "worked"), slip[:, axles], whole["s"].attrs)
+    signals = Signals(speed="v", slip="s", contact_power="P", adhesion="mu", best_adhesion="best",
+                      axles=worked)  # fmt: skip
+    got = {n: m.value for n, m in measure(Run(whole, signals)).items()}
+    assert got["flat_energy"] == pytest.approx(power[0, axles[-1]] / 2)
+    assert got["adhesion_use"] == pytest.approx(mu[0, axles].mean() / 0.1)
+    assert got["contact_energy"] == pytest.approx(7e3)  # of all axles
+
+
 def test_two_locks_are_not_one():
     """The longest of each, not the sum; a wheel that turns between two locks is at another spot."""
     v, slip = np.full(300, 10.0), np.zeros((300, 1))

@@ -117,6 +117,13 @@ class Run:
         """Values of the signal that plays ``role``, a column per axle, or None."""
         return self._columns(getattr(self.signals, role))
 
+    def worked(self, role: str) -> np.ndarray | None:
+        """The same of the axles whose slip and torque are told; the others only roll."""
+        each, axles = self.each(role), self.signals.axles
+        if each is None or axles is None or each.shape[1] <= len(axles):
+            return each
+        return each[:, list(axles)]
+
     def unit(self, role: str) -> str:
         """Unit of the signal that plays ``role``."""
         name = self.signals.find(role, self.log)

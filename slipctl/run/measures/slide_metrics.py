@@ -81,7 +81,7 @@ def _t_gamma(run: Run) -> Metric | None:
 
 @_metric("flat index: largest energy into one spot of a wheel while it is locked", "low")
 def _flat_energy(run: Run) -> Metric | None:
-    power = run.each("contact_power")
+    power = run.worked("contact_power")
     found = None if power is None else _longest(run, LOCKED, power / 2 * run.tick)
     return None if found is None else Metric(found, "J")
 

@@ -165,7 +165,9 @@ def _held(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
     params = loop.param_values()
     limit = np.min(params.get("T_max", np.inf))
     asked = np.minimum(demand, float(limit)).reshape(-1, 1)
-    held = (command < BELOW * asked) & (asked <= BELOW * carried[:, : command.shape[1]])
+    if "slip" in loop.parts and "axles" in (choices := loop.parts["slip"].choices):
+        carried = carried[:, list(choices["axles"])]  # the others only roll
+    held = (command < BELOW * asked) & (asked <= BELOW * carried)
     held &= np.abs(v).reshape(-1, 1) > 0.1
     if valves:
         held = _first_to_last(held, _columns(log["ctl.hold"]) > 0.5)
