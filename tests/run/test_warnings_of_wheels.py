@@ -165,8 +165,8 @@ def test_a_demand_by_place_that_the_run_does_not_come_to_is_told():
 @pytest.mark.parametrize(("first", "then", "lines"), [("dry", "ice", 1), ("ice", "dry", 0)])
 def test_what_the_rail_carries_is_that_under_the_driven_axles(first, then, lines):
     """The first axle is at 105 m, the driven ones at 94 and 92 m; the rail changes at 100 m."""
-    rail = Track(law="exponential_tail", sections=(Stretch(place=0.0, condition=first),
-                                                   Stretch(place=100.0, condition=then)))  # fmt: skip
+    sections = (Stretch(place=0.0, condition=first), Stretch(place=100.0, condition=then))
+    rail = Track(law="exponential_tail", sections=sections)
     car = replace(CAR, mode="drive", speed=5.0, driven=(3, 4))
     trip = Trip(duration=3.0, vehicle=car, actuator=Lag(torque=8e3), rail=rail,
                 demand=Constant(acceleration=0.4), controllers={"none": DemandAlone()})  # fmt: skip

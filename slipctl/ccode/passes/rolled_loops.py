@@ -119,7 +119,9 @@ def _hoisted(lines: Sequence[Node], at: int) -> tuple[list[Node], int]:
     if not lines[at].constant:
         return list(lines), at
     shapes = Counter(_shape(line) for line in lines)
-    names = {n for line in here if (n := line.constant)}
+    given = [to for line in here if (to := c.target(line)) is not None]
+    names = {(to.parts[0] if to.kind == "unary" else to.base).head.removeprefix("->")
+             for to in given}  # fmt: skip
     ahead = [
         line for line in here[1:]
         if (own := line.constant) and shapes[_shape(line)] < LEAST
