@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -191,6 +192,11 @@ def frame(head: dict[str, Any], curves: Curves | None = None, stretches: int = C
     text += b" " * (-len(text) % 4)
     body = b"".join(np.asarray(c, dtype="<f4").tobytes() for c in columns)
     return struct.pack("<I", len(text)) + text + body
+
+
+def finite(value: float | None) -> float | None:
+    """A number as JSON has it; None where it is NaN, infinite or not there."""
+    return float(value) if value is not None and math.isfinite(value) else None
 
 
 def _plain(value: Any) -> Any:

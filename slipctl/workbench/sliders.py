@@ -12,6 +12,7 @@ import numpy as np
 from slipctl.block.shared_numbers import targets
 from slipctl.errors import BadInput
 from slipctl.run.scenario_inputs import loop_at_start, rail_values
+from slipctl.workbench.curves import finite
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
@@ -71,7 +72,7 @@ def sliders_of_loop(loop: Block, scenario: Scenario, controller: str = "ctl") ->
         value = float(np.asarray(values[name]))
         left, right, by_ratio = ends_of_slider(value, float(s.lo), float(s.hi))
         found.append(Slider(
-            name, value, s.unit, _end(s.lo), _end(s.hi), left, right, by_ratio,
+            name, value, s.unit, finite(s.lo), finite(s.hi), left, right, by_ratio,
             " ".join(s.doc.split()), s.source, _group(loop, name, controller),
         ))  # fmt: skip
     order = {"law": 0, "vehicle and rail": 1, "controller": 2}
@@ -132,7 +133,3 @@ def _group(loop: Block, name: str, controller: str) -> str:
     if name.startswith(law) and "." not in name.removeprefix(law):
         return "law"
     return "controller" if name.startswith(f"{controller}.") else "vehicle and rail"
-
-
-def _end(value: Any) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -13,8 +13,6 @@ from slipctl.workbench.curves import Curves, Panel, Series, frame
 MOST = 24
 """Columns that are drawn, the first ones."""
 
-LOOP_OF_LOG = "a part of a loop, such as metro.toml:pid.ctl"
-
 
 def curves_of_recording(log: Recording) -> tuple[Curves, list[str]]:
     """A panel for each column of a log, and lines on how it was read and what is left out."""
@@ -44,6 +42,7 @@ class LogAnswers(Answers):
 
     kinds = ("run", "model", "doubts", "command")
     without = "a recorded log has no model; open a vehicle's file"
+    stopped = "stopped"
 
     def __init__(self, path: str, folder: str) -> None:
         self.path, self.folder = Path(path), Path(folder).resolve()
@@ -76,21 +75,11 @@ class LogAnswers(Answers):
         """How the log was read, and what had to be decided."""
         yield {"end": True, "warnings": curves_of_recording(self.log)[1]}
 
-    def command(self, request: Request) -> Iterator[bytes | Head]:
-        """Replay of a part of a loop over the log."""
-        from slipctl.workbench import command_lines
+    def _words(self, asked: str, request: Request) -> tuple[list[str], Path]:
+        from slipctl.workbench.command_lines import word, words_of_replay
 
-        asked = str(request.get("command"))
-        if asked == "stop":
-            yield {"end": True, "command": asked, "said": "stopped"}
-            return
         if asked != "replay":
             raise BadInput(f"{asked[:40]} needs a loop; open a vehicle's file or a study")
-        words, out = command_lines.words_of_replay(
-            self.path, command_lines.word(request, "part", LOOP_OF_LOG),
-            self.folder / "out" / f"{self.path.stem}_replay", request,
-        )  # fmt: skip
-        said: Head = {}
-        for said in command_lines.run_command(words):
-            yield {"command": asked, **said} if "progress" in said else b""
-        yield from command_lines.told_replay(said, out, self.folder)
+        part = word(request, "part", "a part of a loop, such as metro.toml:pid.ctl")
+        out = self.folder / "out" / f"{self.path.stem}_replay"
+        return words_of_replay(self.path, part, out, request)

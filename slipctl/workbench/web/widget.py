@@ -9,9 +9,9 @@ from functools import cache
 from typing import Any
 
 from slipctl.errors import BadInput
+from slipctl.workbench.questions import question_of_text
 from slipctl.workbench.sources.openings import opening_of_name
 from slipctl.workbench.web.guard import LONGEST
-from slipctl.workbench.web.messages import question_of_text
 from slipctl.workbench.web.windows import Window
 
 HEIGHT = 720
