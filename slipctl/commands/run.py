@@ -27,7 +27,7 @@ from slipctl.run.results import Results
 from slipctl.run.store import FolderLock
 from slipctl.study import case_setup, claim_scope, execution
 from slipctl.study.cache import Keep, key_of
-from slipctl.study.failure_log import note_failure
+from slipctl.study.failures import note_failure
 from slipctl.study.files import results_folder
 from slipctl.study.jobs import Cores
 from slipctl.study.report.remarks import answer_line, estimator_remarks, warnings_of_runs
@@ -63,7 +63,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
     )  # fmt: skip
     changed = case_setup.in_words(options.swaps, options.settings)
     left += [n for n in study.experiments if n not in experiments and keep.tables(n) is None]
-    results = execution.new_results(study, cases, options.quick, changed, () if chosen else left)
+    results = Results(study, cases, options.quick, changed=changed, left=() if chosen else left)
     out.mkdir(parents=True, exist_ok=True)
     with FolderLock(out), Cores(options.jobs) as cores:
         return _Run(options, command, results, models, keep, cores, experiments).answer()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -27,8 +27,7 @@ from slipctl.run.results import Case, Results, Table, known_column
 from slipctl.run.simulation import simulate
 from slipctl.study.cache import Keep
 from slipctl.study.declaration import OPEN, Claim, Context, Study
-from slipctl.study.failure_log import note_failure
-from slipctl.study.failures import reason
+from slipctl.study.failures import note_failure, reason
 from slipctl.study.jobs import Cores, Job, Outcome, run_jobs
 from slipctl.study.provenance import EXPERIMENT_SEED
 from slipctl.study.verdicts import Verdict, judge
@@ -79,12 +78,16 @@ def run(
         beside: further jobs, after the runs of the first case; nothing is reported of them.
         take: given the outcome of each of them.
     """
-    results = new_results(study, cases, quick) if results is None else results
+    results = Results(study, cases, quick) if results is None else results
     given = study.models if models is None else models
     cores = cores or Cores(1)
     jobs: dict[str, Job[Any]] = {}
     others = beside or {}
-    tell = _without(others, report)
+
+    def tell(what: str, share: float) -> None:
+        if report is not None and what not in others:
+            report(what, share)
+
     # what a report needs first comes first; the experiments take longest; a core that is free at
     # the end takes the other runs, which are short
     wanted = experiments if not isinstance(experiments, bool) else study.experiments
@@ -124,16 +127,6 @@ def run(
         results.tables = dict(sorted(results.tables.items(), key=lambda item: order[item[0]]))
         results.failed = _as_in(results.failed, [*runs, *results.failed])
     return results
-
-
-def _without(names: Container[str], report: Report | None) -> Report:
-    """A report that tells nothing of some names."""
-
-    def tell(what: str, share: float) -> None:
-        if report is not None and what not in names:
-            report(what, share)
-
-    return tell
 
 
 def _add_runs(
@@ -294,17 +287,6 @@ def _experiment_job(
         return {name: given} if isinstance(given, Table) else dict(given)
 
     return job
-
-
-def new_results(
-    study: Study,
-    cases: Sequence[Case],
-    quick: bool = False,
-    changed: str = "",
-    left: Sequence[str] = (),
-) -> Results:
-    """Make results to be filled by :func:`run`; ``changed`` is from :func:`in_words`."""
-    return Results(study, cases, quick, changed=changed, left=left)
 
 
 def _as_in(found: dict[str, T], order: Iterable[str]) -> dict[str, T]:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from slipctl.errors import BadInput
 from slipctl.study import case_setup, resolve
-from slipctl.study.failures import blame
 from slipctl.study.files import trip_files
 
 if TYPE_CHECKING:
@@ -102,10 +101,7 @@ class Request:
     @cached_property
     def cases(self) -> list[Case]:
         """Cases of the study, with the swaps done; nothing is set in them."""
-        try:
-            return list(self.study.cases(self.models, self.quick))
-        except Exception as error:
-            blame(error)
+        return resolve.build_cases(self.study, self.quick, self.models)
 
     @cached_property
     def case(self) -> Case:

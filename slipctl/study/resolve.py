@@ -10,7 +10,7 @@ import importlib.util
 import inspect
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
@@ -336,14 +336,16 @@ def find_block(module: ModuleType, name: str, where: str) -> Block:
     return block
 
 
-def build_cases(study: Study, quick: bool = False) -> list[Case]:
-    """Cases of a study, unchanged.
+def build_cases(
+    study: Study, quick: bool = False, models: Mapping[str, Any] | None = None
+) -> list[Case]:
+    """Cases of a study, of its own models or of others.
 
     Raises:
         BadInput: they cannot be built.
     """
     try:
-        return list(study.cases(study.models, quick))
+        return list(study.cases(study.models if models is None else models, quick))
     except Exception as error:
         blame(error)
 

@@ -54,7 +54,7 @@ def load(name: str) -> Block:
     try:
         return block(content[wanted], wanted, lambda keys: _place(path, text, (wanted, *keys)))
     except Faults as error:
-        raise Faults(sorted(error.lines, key=_line)) from None
+        raise Faults(sorted(error.lines, key=line_of_fault)) from None
 
 
 def read(path: str) -> tuple[str, dict[str, Any]]:
@@ -195,7 +195,7 @@ def line_of(text: str, keys: tuple[str | int, ...]) -> int:
     return best
 
 
-def _line(fault: str) -> int:
+def line_of_fault(fault: str) -> int:
     """Line that a fault names."""
     match = re.search(r", line (\d+): ", fault)
     return int(match[1]) if match else 0

@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.run.results import Results
-from slipctl.study.failure_log import note_failure
+from slipctl.study.failures import note_failure
 from slipctl.study.jobs import Cores, Job, Outcome, run_jobs
 from slipctl.study.provenance import provenance, stamp
 from slipctl.study.report.texts import tolerance_text, values_beyond_limit
@@ -103,22 +102,6 @@ def _cells(column: np.ndarray) -> tuple[str, list[Any]]:
         return "%.10g", column.tolist()
     texts = np.array([f"{v:.10g}" for v in column[begins].tolist()], dtype=object)
     return "%s", np.repeat(texts, np.diff(begins, append=len(column))).tolist()
-
-
-def read_log(path: Path) -> xarray.Dataset:
-    """Read a log that :func:`draft_log` wrote.
-
-    Raises:
-        BadInput: no such file, or a newer format.
-    """
-    import xarray
-
-    try:
-        with xarray.open_dataset(path, engine="netcdf4") as data:
-            store.check_format(str(path), data.attrs.get("format"))
-            return data.load()
-    except OSError as error:
-        raise BadInput(f"cannot read {path}: {error.strerror or error}") from None
 
 
 def save_metrics(results: Results, out: Path, command: str, state: str = "") -> None:

@@ -68,7 +68,7 @@ def _trip(path: str, text: str) -> Any:
         faults = vehicle_files().faults(trip)
     if faults:
         lines = [_line(path, text, keys, why) for keys, why in faults]
-        raise Faults(sorted(lines, key=_number))
+        raise Faults(sorted(lines, key=equation_files.line_of_fault))
     return trip
 
 
@@ -106,11 +106,6 @@ def _line(path: str, text: str, keys: tuple[str | int, ...], why: str) -> str:
     if not dotted:
         return f"{path}: {why}"
     return f"{path}, line {equation_files.line_of(text, keys)}: {dotted}: {why}"
-
-
-def _number(line: str) -> int:
-    found = re.search(r", line (\d+): ", line)
-    return int(found[1]) if found else 0
 
 
 def load(path: str) -> Study:

@@ -29,11 +29,6 @@ KMH = 3.6
 # ---- a line for each controller ------------------------------------------------------------------
 
 
-def answer_lines(results: Results, scenario: str) -> dict[str, str]:
-    """What each loop reached in a scenario, in a line, by loop."""
-    return {loop: answer_line(results, scenario, loop) for loop in results.metrics[scenario]}
-
-
 def answer_line(results: Results, scenario: str, loop: str) -> str:
     """What a loop reached in a scenario."""
     metrics = results.metrics[scenario][loop]
@@ -181,7 +176,7 @@ def answer_html(results: Results) -> str:
         return f"<p><b>In short.</b> {escape(results.study.short)}</p>"
     if results.study.claims:
         return ""
-    lines = [line for s in results.metrics for line in answer_lines(results, s).values()]
+    lines = [answer_line(results, s, n) for s, loops in results.metrics.items() for n in loops]
     return f"<ul>{''.join(f'<li>{escape(line)}.</li>' for line in lines)}</ul>" if lines else ""
 
 
