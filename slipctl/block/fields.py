@@ -100,11 +100,8 @@ class Composition:
     @classmethod
     def around(cls, block: Block, rebuild: Rebuild | None, **more: Any) -> Composition:
         """Composition of a block that is ``block`` in another time, or several of it."""
-        shown: dict[str, Any] = {
-            "transparent": True,
-            "by_structure": True,
-            "sharing": block.sharing.through(),
-        }
+        through = block.sharing.through()
+        shown: dict[str, Any] = {"transparent": True, "by_structure": True, "sharing": through}
         return cls(parts={block.name: block}, rebuild=rebuild, **shown | more)
 
 

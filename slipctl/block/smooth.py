@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import casadi as ca
+
 from slipctl.errors import BadInput
 
 
@@ -19,8 +21,6 @@ def sign(x: Any, eps: Any = 0.0) -> Any:
     Exact: -1, 0 or 1; the derivative is 0 everywhere, at 0 too.
     Rounded: x/sqrt(x^2 + eps^2); slope 1/eps at 0, short of 1 by less than eps^2/(2 x^2).
     """
-    import casadi as ca
-
     if _exact("sign", eps):
         return ca.sign(x)
     return x / ca.sqrt(x**2 + eps**2)
@@ -33,8 +33,6 @@ def root(x: Any, eps: Any = 0.0) -> Any:
     Rounded: x/(x^2 + eps^2)^(1/4); slope 1/sqrt(eps) at 0, too small by less than the fraction
     eps^2/(4 x^2).
     """
-    import casadi as ca
-
     if _exact("root", eps):
         return ca.sqrt(ca.fabs(x)) * ca.sign(x)
     return x / ca.sqrt(ca.sqrt(x**2 + eps**2))
@@ -47,8 +45,6 @@ def magnitude(x: Any, eps: Any = 0.0) -> Any:
     Rounded: x^2/sqrt(x^2 + eps^2); 0 at 0 with slope 0 and curvature 2/eps, too small by at most
     0.301 eps (at |x| = 0.786 eps) and by less than eps^2/(2 |x|).
     """
-    import casadi as ca
-
     if _exact("magnitude", eps):
         return ca.fabs(x)
     return x**2 / ca.sqrt(x**2 + eps**2)
@@ -61,8 +57,6 @@ def minimum(a: Any, b: Any, eps: Any = 0.0) -> Any:
     Rounded by a parabola: eps/4 below at a = b, with slope 1/2 towards each, never above, and
     exact where a and b are eps apart.
     """
-    import casadi as ca
-
     if _exact("minimum", eps):
         return ca.fmin(a, b)
     return ca.fmin(a, b) - _parabola(a - b, eps)
@@ -70,8 +64,6 @@ def minimum(a: Any, b: Any, eps: Any = 0.0) -> Any:
 
 def maximum(a: Any, b: Any, eps: Any = 0.0) -> Any:
     """Larger of a and b; exact and rounded as ``minimum``, the rounding eps/4 above at a = b."""
-    import casadi as ca
-
     if _exact("maximum", eps):
         return ca.fmax(a, b)
     return ca.fmax(a, b) + _parabola(a - b, eps)
@@ -84,8 +76,6 @@ def sat(x: Any, lo: Any, hi: Any, eps: Any = 0.0) -> Any:
     Rounded by parabolas: eps/4 inside the range at a corner, with slope 1/2; exact at eps from the
     corners, and never outside the range. Needs hi - lo >= 2 eps.
     """
-    import casadi as ca
-
     limited = ca.fmin(ca.fmax(x, lo), hi)
     if _exact("sat", eps):
         return limited
@@ -107,8 +97,6 @@ def blend(x: Any, lo: Any, hi: Any, below: Any = 0.0, above: Any = 1.0) -> Any:
 
 def _parabola(distance: Any, eps: Any) -> Any:
     """Rounding of a corner: eps/4 and slope +-1/2 at the corner, 0 where ``eps`` away from it."""
-    import casadi as ca
-
     return ca.fmax(eps - ca.fabs(distance), 0.0) ** 2 / (4.0 * eps)
 
 

@@ -13,8 +13,10 @@ import gc
 import io
 import logging
 import os
+import shlex
 import signal
 import sys
+import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
@@ -121,8 +123,6 @@ def _explain(error: BaseException, verbose: bool) -> int:
 
     origin = error.__cause__ if isinstance(error, (BadInput, RunFailed)) else error
     if verbose and origin is not None:
-        import traceback
-
         traceback.print_exception(origin)
     try:
         blame(error)
@@ -170,8 +170,6 @@ def _talk(options: argparse.Namespace) -> None:
 
 def _written(arguments: Sequence[str]) -> str:
     """Return the command line as it may be typed again."""
-    import shlex
-
     return shlex.join(["slipctl", *arguments])
 
 

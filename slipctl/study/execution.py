@@ -28,6 +28,7 @@ from slipctl.run.simulation import simulate
 from slipctl.study.cache import Keep
 from slipctl.study.declaration import OPEN, Claim, Context, Study
 from slipctl.study.failures import note_failure, reason
+from slipctl.study.files import results_folder
 from slipctl.study.jobs import Cores, Job, Outcome, run_jobs
 from slipctl.study.provenance import EXPERIMENT_SEED
 from slipctl.study.verdicts import Verdict, judge
@@ -196,8 +197,6 @@ def _loop_job(
     """Make the job that simulates one loop in its scenario, measures it and writes its log."""
 
     def job(tell: Callable[[float], None]) -> _Ran:
-        from slipctl.study.files import results_folder
-
         scenario, signals = case.scenario.name, results.study.signals
         data = keep.log(scenario, name) if keep is not None else None
         found = data is not None
@@ -237,8 +236,6 @@ def _simulated(
 
 def _take(results: Results, case: Case, name: str, ran: _Ran) -> None:
     """Put what a run gave into the results, and its files into the folder."""
-    from slipctl.study.files import results_folder
-
     scenario = case.scenario.name
     results.data.setdefault(scenario, {})[name] = ran.data
     results.metrics.setdefault(scenario, {})[name] = ran.metrics

@@ -15,6 +15,7 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.certify.certificate import Certificate
+from slipctl.draw import plots
 from slipctl.draw.looks import pretty
 from slipctl.estimate.curve_fit import Fitted
 from slipctl.estimate.log_fit.record import FittedOverTime
@@ -76,8 +77,6 @@ def _block(block: Block) -> str:
 
 def _curve(block: Block) -> str:
     """Picture of an adhesion law over its slip."""
-    from slipctl.draw import plots
-
     slip = next(iter(block.inputs.values()), None)
     ready = all(s.value is not None for s in list(block.inputs.values())[1:])
     if slip is None or slip.per is None or block.kind != "law" or not ready:

@@ -15,10 +15,11 @@ from slipctl.certify import catalogue, certificate, proofs, safe_json, smtlib, s
 from slipctl.certify.systems import Report, System
 from slipctl.commands.certificates import certify_loop
 from slipctl.commands.certificates.certify_numbers import read_numbers
+from slipctl.design import gain_files
 from slipctl.errors import BadInput, RunFailed, nearest
 from slipctl.run import store
 from slipctl.run.numbers import check_guards
-from slipctl.study import case_setup
+from slipctl.study import case_setup, resolve
 from slipctl.study.declaration import Gains, Study
 from slipctl.study.request import Request
 
@@ -49,8 +50,6 @@ def certify(
     Raises:
         BadInput: an unknown system or name, a number that means nothing, a wrong or missing unit.
     """
-    from slipctl.study import resolve
-
     own = certify_loop.own_system(system)
     if own is not None:
         return _of_system(own, settings, as_json, out, command)
@@ -207,8 +206,6 @@ def certify_study(
     Raises:
         BadInput: no such study, it declares no gains, or several where one is to be written.
     """
-    from slipctl.study import resolve
-
     of = None
     if certify_loop.is_loop(name):
         study, of = certify_loop.find(name)
@@ -306,8 +303,6 @@ def check(file: str) -> str:
         RunFailed: it does not hold.
     """
     payload = safe_json.read(Path(file))
-    from slipctl.design import gain_files
-
     try:
         if payload.get("kind") == gain_files.KIND:
             return f"{file} holds:\n{gain_files.check(payload)}"

@@ -9,26 +9,28 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from slipctl import __version__
 from slipctl.block.block import Block
-from slipctl.certify import catalogue, systems
+from slipctl.certify import boundary, catalogue, proofs, systems
 from slipctl.certify.boundary import Farthest
 from slipctl.certify.systems import System
 from slipctl.commands.certificates.certify_numbers import read_numbers
 from slipctl.commands.progress import Progress
+from slipctl.design import maps
 from slipctl.design.gain_points import Asked, GainPoints, replaced_numbers
+from slipctl.design.levels import levels, places
+from slipctl.design.maps import Axis
 from slipctl.errors import BadInput, nearest
 from slipctl.run import machine, store
+from slipctl.run.metrics import METRICS
 from slipctl.run.numbers import check_guards
+from slipctl.run.sweep.sweep_runs import Measured
 from slipctl.study import resolve
 from slipctl.study.declaration import Gains, Study
+from slipctl.study.jobs import Cores
 from slipctl.study.request import Request
-
-if TYPE_CHECKING:
-    from slipctl.design.maps import Axis
-    from slipctl.run.sweep.sweep_runs import Measured
 
 
 def find(name: str) -> tuple[Study, list[Gains]]:
@@ -102,10 +104,6 @@ def map_answer(options: argparse.Namespace, command: str) -> str:
     Raises:
         BadInput: a system or loop that there is not, axes that are none.
     """
-    from slipctl.design import maps
-    from slipctl.design.levels import levels
-    from slipctl.study.jobs import Cores
-
     at, what = _asked(options)
     system, given = at({})
     axes = maps.read_axes(options.map, system, _known(system, given))
@@ -140,10 +138,6 @@ def _measured(
     Raises:
         BadInput: no such metric, a system in place of a loop, or axes that are no numbers of it.
     """
-    from slipctl.design.levels import places
-    from slipctl.run.metrics import METRICS
-    from slipctl.run.sweep.sweep_runs import Measured
-
     if options.metric not in METRICS:
         known = nearest(options.metric, METRICS)
         raise BadInput(f"--metric {options.metric}: there is no such metric{known}")
@@ -162,8 +156,6 @@ def ends(options: argparse.Namespace, command: str) -> str:
     Raises:
         BadInput: a system or number that there is not, or both questions at once.
     """
-    from slipctl.certify import boundary, proofs
-
     up = options.largest is not None
     if up and options.smallest is not None:
         raise BadInput("ask for --largest or for --smallest")

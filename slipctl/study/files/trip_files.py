@@ -6,6 +6,7 @@ the parts that are registered for them; a fault is told with its line, and all f
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -17,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 from slipctl import registry
 from slipctl.errors import BadInput, Faults
 from slipctl.run.results import Case, Loops
-from slipctl.study.files import equation_files
+from slipctl.study.files import declared_parts, equation_files
+from slipctl.study.files.declared_parts import Key, description, range_text
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
     from slipctl.block.signals import Signal
     from slipctl.study.declaration import Study
-    from slipctl.study.files.declared_parts import Key
 
 
 def is_trip(path: str) -> bool:
@@ -55,8 +56,6 @@ def load_trip(path: str) -> Any:
 @lru_cache(maxsize=8)  # of the text: a file may be edited while slipctl runs
 def _trip(path: str, text: str) -> Any:
     """Trip of a text, which stands in that file."""
-    from slipctl.study.files import declared_parts
-
     content = files_beside(tomllib.loads(text), Path(path).parent)
     if content and not set(content) & {f.name for f in fields(vehicle_files().root(content))}:
         raise BadInput(
@@ -153,7 +152,6 @@ def _loop(path: str, text: str, loops: Mapping[str, Block], name: str) -> Block:
 
 def gain_keys(found: Sequence[Signal]) -> list[Key]:
     """Gains of a law that a file may set, as keys; last names where they are alone."""
-    from slipctl.study.files.declared_parts import Key, range_text
     from slipctl.study.report.texts import number
 
     last = [s.name.rpartition(".")[2] for s in found]
@@ -166,8 +164,6 @@ def gain_keys(found: Sequence[Signal]) -> list[Key]:
 
 def _schema_of_gains(kind: str, doc: str, found: Sequence[Signal]) -> dict[str, Any]:
     """What a controller of this kind may have: its law in a sentence, and each gain."""
-    from slipctl.study.files.declared_parts import description
-
     given = {k.name: {"description": description(k)} for k in gain_keys(found)}
     return {"if": {"properties": {"kind": {"const": kind}}, "required": ["kind"]},
             "then": {"description": doc, "properties": given}}  # fmt: skip
@@ -175,10 +171,6 @@ def _schema_of_gains(kind: str, doc: str, found: Sequence[Signal]) -> dict[str, 
 
 def schema_text() -> str:
     """JSON schema of such files, as text."""
-    import json
-
-    from slipctl.study.files import declared_parts
-
     files = vehicle_files()
     said = declared_parts.schema(files.roots, "A vehicle on its way, as slipctl reads it")
     for part in said["$defs"].values():

@@ -17,7 +17,7 @@ import numpy as np
 
 from slipctl import __version__
 from slipctl.block.units.unit_algebra import display_scale
-from slipctl.draw import live, mathml
+from slipctl.draw import live, mathml, show
 from slipctl.draw.plots import pretty
 from slipctl.run import store
 from slipctl.run.metrics import METRICS
@@ -290,8 +290,6 @@ def _experiments(results: Results) -> str:
 
 def distinct_loops(results: Results) -> dict[str, Block]:
     """Loops by name; where a scenario has another form of one, by ``loop in scenario``."""
-    from slipctl.draw import show
-
     found: dict[str, Block] = {}
     for case in results.cases:
         for name, loop in case.loops.items():
@@ -375,8 +373,6 @@ def _places(places: Sequence[str], loops: Sequence[str]) -> str:
 
 def _equations(results: Results) -> str:
     """Every distinct block without parts once, with the loops and paths where it is used."""
-    from slipctl.draw import show
-
     seen: dict[str, tuple[Block, list[str]]] = {}
     loops = distinct_loops(results)
     for name, loop in loops.items():
@@ -400,8 +396,6 @@ def _meaning(block: Block) -> str:
 
 def equations(block: Block) -> str:
     """Equations of a block without parts, as MathML."""
-    from slipctl.draw import show
-
     rows = []
     for left, right in mathml.page(show.latex(block)):
         cells = [f'<math displaystyle="true">{s}</math>' if s else "" for s in (left, right)]
