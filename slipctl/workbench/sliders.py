@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 FACTOR = 5.0
 """How far a slider goes from the default, to either side, where its declared range is wider."""
 
-WIDE = 100.0
-"""Ratio of the ends from which on a slider goes by ratio."""
-
 
 @dataclass(frozen=True)
 class Slider:
