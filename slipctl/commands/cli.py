@@ -89,7 +89,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             for line in tell_threads():
                 _say(line)
             home = import_module(ANSWERS[options.command])
-            code: int = home.answer(options, _written(arguments))
+            code: int = home.answer(options, shlex.join(["slipctl", *arguments]))
             sys.stdout.flush()
             if closed:
                 _say("standard output is closed; nothing was printed")
@@ -166,11 +166,6 @@ def _talk(options: argparse.Namespace) -> None:
     log.handlers[:] = [handler]
     log.setLevel(level)
     log.propagate = False
-
-
-def _written(arguments: Sequence[str]) -> str:
-    """Return the command line as it may be typed again."""
-    return shlex.join(["slipctl", *arguments])
 
 
 if __name__ == "__main__":

@@ -149,7 +149,8 @@ def model_text(found: Fitted, base: Block, name: str, command: str) -> str:
         module, _, block = name.rpartition(".")
         module = module or next(m for m, (_, b) in resolve.models().items() if block in b)
         needed = f"{registry.package_name('models')}.{module} import {block}"
-        origin = block + ("" if isinstance(_object(module, block), Block) else "()")
+        made = getattr(registry.module("models", module), block)
+        origin = block + ("" if isinstance(made, Block) else "()")
     rows = []
     for n, v in found.law.params.items():
         if v.derived:
@@ -176,10 +177,6 @@ def model_text(found: Fitted, base: Block, name: str, command: str) -> str:
         f"law = law.with_source({source!r}, {', '.join(repr(n) for n in found.values)})",
         *([f"law = with_reach(law, {reach!r})"] if reach else []), "",
     ])  # fmt: skip
-
-
-def _object(module: str, block: str) -> Any:
-    return getattr(registry.module("models", module), block)
 
 
 def residuals_text(found: Fitted) -> str:

@@ -21,7 +21,7 @@ from slipctl.estimate.curve import quantity
 from slipctl.estimate.log_fit.flow_fit import fit_over_time
 from slipctl.estimate.log_fit.record import DEAD, FittedOverTime, Record, origin
 from slipctl.run import store
-from slipctl.run.logs.log_signals import Source, good_samples, of_inputs, of_results, resample_at
+from slipctl.run.logs.log_signals import good_samples, of_inputs, of_results, resample_at
 from slipctl.run.logs.recorded_log import Recording, csv_of, read_recording
 from slipctl.study import resolve
 from slipctl.study.report.texts import number, wrap_table
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace, block: Block, command: str) -> str:
     store.check_folder(folder)
     block, at, constants = _settled(block, pairs("--set", options.settings))
     mapped = pairs("--map", options.mapped)
-    result, columns = _measured(block, mapped)
+    result = _measured(block, mapped)
     gap = parse_quantity(options.gap, "s", "--gap") if options.gap else None
     records, notes, done, rule = [], [], [], options.resample or "hold"
     for file in options.curve:
@@ -52,7 +52,7 @@ def run(options: argparse.Namespace, block: Block, command: str) -> str:
         )
         if options.between:
             recording = recording.between(*_ends(options.between))
-        result, record = _record(block, recording, result, columns, constants, rule)
+        result, record = _record(block, recording, result, mapped, constants, rule)
         records.append(record)
         notes += [n for n in recording.notes if n not in notes]
         done += recording.table.done
@@ -106,15 +106,15 @@ def _settled(
     return new, at, constants
 
 
-def _measured(block: Block, mapped: Mapping[str, str]) -> tuple[str, dict[str, str]]:
-    """The state or output that was measured, empty if none is mapped; and the other mappings."""
+def _measured(block: Block, mapped: Mapping[str, str]) -> str:
+    """The state or output that was measured, empty if none is mapped."""
     for n in mapped:
         block.find(n, "input", "state", "output")
     results = [n for n in mapped if n in {**block.states, **block.outputs}]
     if len(results) > 1:
         raise BadInput(f"--map names {' and '.join(results)}; one of them is fitted, leave out the"
                        " others")  # fmt: skip
-    return (results[0] if results else ""), dict(mapped)
+    return results[0] if results else ""
 
 
 def _ends(text: str) -> tuple[float, float]:
@@ -155,20 +155,14 @@ def _record(
     for n, source in inputs.items():
         t, x = good_samples(block, recording, n, source, values, rule, recording.notes)
         every[n] = resample_at(t, x, recording.time, rule)
-    y = _values(recording, measured[result])
+    y = measured[result].values(recording)  # NaN where nothing was measured
+    recording.notes += [f"{column}: {int(empty.sum())} empty cells left out"
+                        for column, empty in measured[result].empty(recording).items()]  # fmt: skip
     begins = np.flatnonzero(np.diff(recording.time) > recording.gap) + 1
     if begins.size:
         many = "1 gap" if begins.size == 1 else f"{begins.size} gaps"
         recording.notes.append(f"{many}; each stretch has a start of its own")
     return result, Record(recording.source, recording.time, every, y, tuple(map(int, begins)))
-
-
-def _values(recording: Recording, source: Source) -> np.ndarray:
-    """Samples of what was measured, NaN where nothing was."""
-    y = source.values(recording)
-    recording.notes += [f"{column}: {int(empty.sum())} empty cells left out"
-                        for column, empty in source.empty(recording).items()]  # fmt: skip
-    return y
 
 
 def keys_of(law: str) -> tuple[dict[str, str], dict[str, float]]:

@@ -95,7 +95,7 @@ def _refuse_overruled(asked: Request, case: Case, varied: Iterable[str]) -> None
     for text in asked.settings:
         setting = case_setup.Setting.read(text)
         for name, loop in case.loops.items():
-            given = {number_at(loop, n) for n in setting.matches(loop)}
+            given = {number_at(loop, n) for n in targets(loop, setting.name)}
             for one in (v.partition("=")[0].strip() for v in varied):
                 drawn = {number_at(loop, n) for n in targets(loop, one)}
                 if given and given <= drawn and setting.loop in ("", name):

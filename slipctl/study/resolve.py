@@ -72,14 +72,9 @@ def studies() -> dict[str, str]:
 
 
 def _assigns(tree: ast.Module) -> bool:
-    names = {t.id for n in tree.body if isinstance(n, ast.Assign) for t in n.targets
-             if isinstance(t, ast.Name)}  # fmt: skip
-    names |= {
-        n.target.id
-        for n in tree.body
-        if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)
-    }
-    return "study" in names or not tree.body
+    targets = [t for n in tree.body if isinstance(n, ast.Assign) for t in n.targets]
+    targets += [n.target for n in tree.body if isinstance(n, ast.AnnAssign)]
+    return not tree.body or any(isinstance(t, ast.Name) and t.id == "study" for t in targets)
 
 
 def models() -> dict[str, tuple[str, dict[str, str]]]:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slipctl.block.shared_numbers import targets
 from slipctl.errors import BadInput
 from slipctl.run.scenario_inputs import loop_at_start, rail_values
+from slipctl.study.files.loop_files import ruled_numbers
 from slipctl.workbench.curves import finite
 
 if TYPE_CHECKING:
@@ -57,10 +57,7 @@ def sliders_of_loop(loop: Block, scenario: Scenario, controller: str = "ctl") ->
     """
     begun = loop_at_start(loop, scenario)
     ruled = {n for group in rail_values(begun, scenario) for n in group}
-    ruled |= {n for values in loop.conditions.values() for n in values}
-    for section in scenario.rail.sections if scenario.rail else ():
-        for name in section.values:
-            ruled.update(targets(loop, name, ("input", "param")))
+    ruled |= ruled_numbers(loop, scenario)
     values, found = begun.param_values(), []
     for name, s in loop.params.items():
         free = not (s.derived or isinstance(s.value, str) or s.value is None or s.values)

@@ -45,7 +45,7 @@ def check(
     for n in graph.below([n for root in graph.roots.values() for n in root]):
         walk.visit(n)
     wrong = {
-        k: [n for n in root if k in targets and not walk.fits(n, targets[k])]
+        k: [n for n in root if k in targets and (u := walk.units[n]) and not u.same(targets[k])]
         for k, root in graph.roots.items()
     }
     if not walk.errors and not any(wrong.values()):
@@ -195,10 +195,6 @@ class _Walk:
         node = self.graph.nodes[n]
         literal = node.op == "const" and math.isfinite(node.value) and node.value != 0.0
         return "; give the number its unit, as a Param or by one('...')" if literal else ""
-
-    def fits(self, n: int, target: Unit) -> bool:
-        u = self.units[n]
-        return u is None or u.same(target)
 
     def quote(self, write: Any, n: int) -> str:
         return f"'{cut(write.at(n)[0], 40)}' [{self.say(n)}]"

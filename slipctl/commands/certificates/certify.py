@@ -7,6 +7,7 @@ import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -253,7 +254,7 @@ def certify_study(
             rows += textwrap.wrap(f"bounds: {g.bounds}", 96, initial_indent="  ",
                                   subsequent_indent="    ")  # fmt: skip
         if a.costs:
-            told_ = ", ".join(f"{k} {v:.0%}" for k, v in sorted(a.costs.items(), key=_share))
+            told_ = ", ".join(f"{k} {v:.0%}" for k, v in sorted(a.costs.items(), key=itemgetter(1)))
             rows += textwrap.wrap(f"the bound that remains when a range is halved: {told_}", 96,
                                   initial_indent="  ", subsequent_indent="    ")  # fmt: skip
     if of is None:
@@ -265,10 +266,6 @@ def certify_study(
            for a in found if a.condition is not None):  # fmt: skip
         rows += ["", "* the verdict of this condition depends on the unit of length"]
     return "\n".join(rows)
-
-
-def _share(entry: tuple[str, float]) -> float:
-    return entry[1]
 
 
 def loop_verdict(found: Sequence[Answer]) -> str:

@@ -106,7 +106,10 @@ def map_answer(options: argparse.Namespace, command: str) -> str:
     """
     at, what = _asked(options)
     system, given = at({})
-    axes = maps.read_axes(options.map, system, _known(system, given))
+    declared: dict[str, Any] = {
+        k: n.value for k, n in system.numbers.items() if n.value is not None
+    }
+    axes = maps.read_axes(options.map, system, {**declared, **given})
     stem = re.sub(r"\W", "_", options.system)
     folder = Path(options.out or Path("out") / f"map_{stem}")
     if folder.suffix == ".json":
@@ -224,8 +227,3 @@ def _asked(
         )
     system = catalogue.system(name)
     return replaced_numbers(system, read_numbers(system, options.settings)), name
-
-
-def _known(system: System, given: Mapping[str, Any]) -> Mapping[str, Any]:
-    declared = {k: n.value for k, n in system.numbers.items() if n.value is not None}
-    return {**declared, **given}

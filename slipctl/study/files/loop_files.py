@@ -75,7 +75,7 @@ def loop_file_text(name: str, file: str) -> str:
         *_inputs(loop, scenario),
     ]
     made = {n: loop_at_start(block, scenario) for n, block in loops.items()}
-    numbers = {n: list(_plain(made[n], _ruled(b, scenario))) for n, b in loops.items()}
+    numbers = {n: list(_plain(made[n], ruled_numbers(b, scenario))) for n, b in loops.items()}
     all_have = {n for n, _, _ in numbers[short] if not n.startswith(own)}
     lines += _table("numbers", [row for row in numbers[short] if row[0] in all_have])
     lines += _table("start", [
@@ -103,7 +103,7 @@ def _plain_of(signals: Mapping[str, Signal], values: Mapping[str, Any]) -> Itera
             yield n, values[n], s
 
 
-def _ruled(loop: Block, scenario: Scenario) -> set[str]:
+def ruled_numbers(loop: Block, scenario: Scenario) -> set[str]:
     """Numbers that the rail sets, section by section or by its conditions."""
     found = {n for values in loop.conditions.values() for n in values}
     for section in scenario.rail.sections if scenario.rail else ():

@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
-from typing import Any
 
 import numpy as np
 
@@ -92,7 +91,7 @@ def estimator_remarks(results: Results) -> list[Remark]:
     found = []
     for scenario, logs in results.data.items():
         for loop, log in logs.items():
-            off = _estimates_off(log)
+            off = [EstimateOff(**row) for row in json.loads(log.attrs.get("estimates_off") or "[]")]
             if not off:
                 continue
             longest = max(off, key=lambda e: e.stop - e.start)
@@ -103,11 +102,6 @@ def estimator_remarks(results: Results) -> list[Remark]:
             text = f"the estimated {longest.what}{axle} was wrong {when}; {said}"
             found.append(Remark(scenario, loop, text, tuple(e.numbers for e in off), held))
     return found
-
-
-def _estimates_off(log: Any) -> list[EstimateOff]:
-    text = log.attrs.get("estimates_off", "")
-    return [EstimateOff(**row) for row in json.loads(text)] if text else []
 
 
 def _fared(run: Run, off: EstimateOff) -> tuple[bool, str]:

@@ -50,19 +50,16 @@ class LogAnswers(Answers):
 
     def model(self, request: Request) -> Iterator[Head]:
         """Name of the log; it has no numbers that can be moved."""
+        beside = sorted(self.folder.glob("*.toml"))  # the part to replay, to begin with, is of one
+        part = f"{beside[0].name}:LOOP.ctl" if beside else "hst_braking:eppfc.ctl.filter"
         yield {
             "end": True, "home": self.path.name, "title": f"recorded log {self.path}",
             "doc": "", "text": None, "loops": [["log", ""]], "loop": "log", "scenario": "",
             "sliders": [], "limits": {}, "controller": "", "ensemble": False,
             "certificates": {"names": [], "why": "a recorded log has no gains"},
             "tick": self.log.spacing, "folder": str(self.folder), "log": self.path.name,
-            "part": self._part(),
+            "part": part,
         }  # fmt: skip
-
-    def _part(self) -> str:
-        """Part to replay, to begin with: of the first vehicle's file beside the log."""
-        found = sorted(self.folder.glob("*.toml"))
-        return f"{found[0].name}:LOOP.ctl" if found else "hst_braking:eppfc.ctl.filter"
 
     def run(self, request: Request) -> Iterator[bytes | Head]:
         """Columns of the log over time."""
