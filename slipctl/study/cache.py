@@ -106,13 +106,13 @@ class Keep:
     def _table_file(self, experiment: str) -> Path:
         return self.parts / f"{experiment}.{self.of(experiment)}.json"
 
-    def clear(self, wanted: Mapping[str, Iterable[str]] | None = None) -> None:
+    def clear(self, wanted: Mapping[str, Iterable[str]]) -> None:
         """Remove what belongs to another run, and what a killed one left half written.
 
         Only a folder that holds a run of ours is touched, and there only what a run writes.
 
         Args:
-            wanted: loops by scenario whose logs may stay; None lets all of this key stay.
+            wanted: loops by scenario whose logs may stay.
         """
         self.clear_parts()
         try:
@@ -121,11 +121,9 @@ class Keep:
         except BadInput:
             return
         stay = self.logs()
-        if wanted is not None:
-            stay = {s: [n for n in names if n in wanted.get(s, ())] for s, names in stay.items()}
         for path in (self.out / "logs").glob("*/*"):
-            other = path.stem not in stay.get(path.parent.name, ())
-            if path.suffix in (".nc", ".csv") and other:
+            kept, asked = (names.get(path.parent.name, ()) for names in (stay, wanted))
+            if path.suffix in (".nc", ".csv") and not (path.stem in kept and path.stem in asked):
                 path.unlink(missing_ok=True)
         for folder in (self.out / "logs").glob("*/"):
             if not any(folder.iterdir()):

@@ -6,12 +6,12 @@ import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import casadi as ca
 
+from slipctl.draw import plots
 from slipctl.run import build
 from slipctl.run.metrics import (
     AGAINST_OTHERS,
@@ -103,7 +103,8 @@ def run(
     if jobs:
         load_logs()
     try:
-        with closing(run_jobs(jobs, cores, tell, partial(_load, study))) as outcomes:
+        meanwhile = plots.load if study.figures else lambda: None  # what the figures need
+        with closing(run_jobs(jobs, cores, tell, meanwhile)) as outcomes:
             for what, outcome in outcomes:
                 if what in others:
                     take(what, outcome)
@@ -168,14 +169,6 @@ def load_logs() -> None:
 
     build.identity()
     xarray.Dataset({"x": ("time", [0.0])}, coords={"time": [0.0]})  # imports what it needs itself
-
-
-def _load(study: Study) -> None:
-    """Import what the figures need, while other processes compute."""
-    if study.figures:
-        from slipctl.draw import plots
-
-        plots.load()
 
 
 @dataclass(frozen=True)

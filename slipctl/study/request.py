@@ -150,6 +150,7 @@ class Request:
         if self.loop:
             return self
         if self.home or self.name.endswith((".py", ".toml")):
-            raise resolve.no_loop(self.name, self.study)
+            loops = ", ".join(f"{self.name}:{n}" for n in resolve.loop_names(self.study))
+            raise BadInput(f"{self.name} is a study; write which loop: {loops}")
         resolve.load_block(self.name)  # says what it is not
         raise BadInput(f"{self.name} is no loop; write STUDY:LOOP")

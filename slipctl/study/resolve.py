@@ -376,12 +376,6 @@ def loop_names(study: Study) -> list[str]:
     return list(dict.fromkeys(n for case in build_cases(study) for n in case.loops))
 
 
-def no_loop(name: str, study: Study) -> BadInput:
-    """What to say where a study was named, and one of its loops is needed."""
-    loops = ", ".join(f"{name}:{n}" for n in loop_names(study))
-    return BadInput(f"{name} is a study; write which loop: {loops}")
-
-
 def model_source(name: str) -> tuple[str, str, str]:
     """Module, block to try, and source text of a model, by module, block or ``module.block``.
 

@@ -241,22 +241,18 @@ def certify_study(
         g, r = a.gains, a.report
         rows += ["", f"{g.name} (loop {g.loop}), {r}"]
         used = {k: v for k, v in r.gains.items() if k in SHOWN or v}
-        rows += textwrap.wrap(
-            numbers_line(used, r.units), 96, initial_indent="  ", subsequent_indent="  "
-        )
+        rows += _hung(numbers_line(used, r.units), "  ")
         if a.condition is not None:
             holds = "holds" if a.condition else "is violated"
             unit = "*" if r.criteria[g.condition].unit_dependent else ""
             rows.append(f"  the paper's own condition, {g.condition}{unit}, {holds}")
         rows += promise_lines(r)
-        rows += textwrap.wrap(a.needs, 96, initial_indent="  ", subsequent_indent="    ")
+        rows += _hung(a.needs)
         if g.bounds:
-            rows += textwrap.wrap(f"bounds: {g.bounds}", 96, initial_indent="  ",
-                                  subsequent_indent="    ")  # fmt: skip
+            rows += _hung(f"bounds: {g.bounds}")
         if a.costs:
             told_ = ", ".join(f"{k} {v:.0%}" for k, v in sorted(a.costs.items(), key=itemgetter(1)))
-            rows += textwrap.wrap(f"the bound that remains when a range is halved: {told_}", 96,
-                                  initial_indent="  ", subsequent_indent="    ")  # fmt: skip
+            rows += _hung(f"the bound that remains when a range is halved: {told_}")
     if of is None:
         rows += [line for n, why in study.certificates.uncertified.items()
                  for line in ("", *textwrap.wrap(f"{n}: no certificate, {why}", 96))]  # fmt: skip
@@ -266,6 +262,10 @@ def certify_study(
            for a in found if a.condition is not None):  # fmt: skip
         rows += ["", "* the verdict of this condition depends on the unit of length"]
     return "\n".join(rows)
+
+
+def _hung(text: str, rest: str = "    ") -> list[str]:
+    return textwrap.wrap(text, 96, initial_indent="  ", subsequent_indent=rest)
 
 
 def loop_verdict(found: Sequence[Answer]) -> str:
@@ -285,7 +285,7 @@ def system_list() -> str:
     rows = []
     for system in catalogue.SYSTEMS.values():
         rows.append(system.name)
-        rows += textwrap.wrap(system.title, 96, initial_indent="  ", subsequent_indent="  ")
+        rows += _hung(system.title, "  ")
         for name, n in system.numbers.items():
             kind = "optional" if n.optional else "" if n.value is None else f"{n.value:g}"
             rows.append(f"    {name:<13} {n.unit:<13} {kind:<9} {n.doc}")
@@ -357,11 +357,7 @@ def promise_lines(report: Report) -> list[str]:
         lines.append(f"undecided, neither proved nor refuted: {'; '.join(claims)}")
     if found.promise.not_promised:
         lines.append(f"not promised: {'; '.join(found.promise.not_promised)}")
-    return [
-        row
-        for line in lines
-        for row in textwrap.wrap(line, 96, initial_indent="  ", subsequent_indent="    ")
-    ]
+    return [row for line in lines for row in _hung(line)]
 
 
 def numbers_line(gains: Mapping[str, float], units: Mapping[str, str]) -> str:

@@ -75,7 +75,11 @@ def loop_file_text(name: str, file: str) -> str:
         *_inputs(loop, scenario),
     ]
     made = {n: loop_at_start(block, scenario) for n, block in loops.items()}
-    numbers = {n: list(_plain(made[n], ruled_numbers(b, scenario))) for n, b in loops.items()}
+    numbers = {}
+    for n, block in loops.items():  # those that stand for themselves, and the rail leaves alone
+        ruled = ruled_numbers(block, scenario)
+        every = _plain_of(made[n].params, made[n].param_values())
+        numbers[n] = [row for row in every if row[0] not in ruled]
     all_have = {n for n, _, _ in numbers[short] if not n.startswith(own)}
     lines += _table("numbers", [row for row in numbers[short] if row[0] in all_have])
     lines += _table("start", [
@@ -87,13 +91,6 @@ def loop_file_text(name: str, file: str) -> str:
         rows = [row for row in rows if row[0] not in all_have]
         lines += _table(f"controllers.{called}.numbers", rows)
     return "\n".join(lines) + "\n"
-
-
-def _plain(loop: Block, ruled: set[str]) -> Iterator[Row]:
-    """Parameters that have a number which stands for itself, and which the rail leaves alone."""
-    for row in _plain_of(loop.params, loop.param_values()):
-        if row[0] not in ruled:
-            yield row
 
 
 def _plain_of(signals: Mapping[str, Signal], values: Mapping[str, Any]) -> Iterator[Row]:

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from slipctl.draw import live, plots
+from slipctl.draw.live import Live
 from slipctl.run import store
 from slipctl.run.results import Results
 from slipctl.study.failures import note_failure
@@ -26,7 +28,6 @@ from slipctl.study.verdicts import Verdict
 if TYPE_CHECKING:
     import xarray
 
-    from slipctl.draw.live import Live
 
 message = logging.getLogger("slipctl")
 
@@ -175,14 +176,12 @@ def save_tables(results: Results, out: Path, command: str) -> None:
     _write(results, out / "tables.json", command, {"experiments": rows})
 
 
-Drawn = tuple[str, "Live | None"]
+Drawn = tuple[str, Live | None]
 """A figure as SVG, and its curves where it shows lines over time."""
 
 
 def figure_jobs(results: Results, out: Path, command: str) -> dict[str, Callable[[Any], Drawn]]:
     """Jobs by file stem that each draw a figure, write it, and give what a page shows of it."""
-    from slipctl.draw import live, plots
-
     text = stamp(results, command)
 
     def draw(stem: str, tell: Any) -> Drawn:
@@ -221,7 +220,6 @@ def save_pages(
         cores: what the figures are drawn on.
         there: outcomes of :func:`section_jobs`; those that lack are written here.
     """
-    from slipctl.draw import plots
     from slipctl.study.report import report_page
 
     plots.load()  # once, before the processes part

@@ -101,10 +101,7 @@ def vehicle_files() -> Any:
 
 def _line(path: str, text: str, keys: tuple[str | int, ...], why: str) -> str:
     """Fault with file, line and path."""
-    dotted = ".".join(str(k) for k in keys)
-    if not dotted:
-        return f"{path}: {why}"
-    return f"{path}, line {equation_files.line_of(text, keys)}: {dotted}: {why}"
+    return f"{equation_files.place_of(path, text, keys) if keys else path}: {why}"
 
 
 def load(path: str) -> Study:
