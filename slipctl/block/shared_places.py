@@ -7,19 +7,16 @@ from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
+from slipctl.block.block import Block
 from slipctl.block.shared_numbers import Share, differences, has_place, signal_at
 from slipctl.block.signals import Signal, common_range
 from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.block.units import unit_algebra
 from slipctl.errors import BadInput, nearest
-
-if TYPE_CHECKING:
-    from slipctl.block.block import Block
 
 
 def bind(name: str, blocks: Mapping[str, Block], shares: Mapping[str, Share]) -> dict[str, Share]:

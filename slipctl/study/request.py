@@ -10,16 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from slipctl.block.block import Block
 from slipctl.errors import BadInput
+from slipctl.run.results import Case
 from slipctl.study import case_setup, resolve
+from slipctl.study.declaration import Study
 from slipctl.study.files import trip_files
-
-if TYPE_CHECKING:
-    from slipctl.block.block import Block
-    from slipctl.run.results import Case
-    from slipctl.study.declaration import Study
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,11 +26,8 @@ from slipctl.errors import BadInput
 from slipctl.study.case_setup import Setting, open_gain_files
 from slipctl.tables.table import named_columns
 from slipctl.workbench.curves import Curves, Panel, Series
-from slipctl.workbench.desk import numbers_in_words, words_of_run
-
-if TYPE_CHECKING:
-    from slipctl.workbench.desk import Desk, Rig
-    from slipctl.workbench.sliders import Slider
+from slipctl.workbench.desk import Desk, Rig, numbers_in_words, words_of_run
+from slipctl.workbench.sliders import Slider
 
 LINES = 12
 """Texts of a question at most: ranges, columns."""

@@ -8,19 +8,17 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from slipctl.block.block import Block
 from slipctl.errors import BadInput
+from slipctl.run.results import Case
 from slipctl.run.sweep.sweep_runs import Measured
 from slipctl.study import resolve
+from slipctl.study.declaration import Gains, Study
 from slipctl.study.files import trip_files
 from slipctl.study.request import Request
 from slipctl.workbench.sliders import Slider, sliders_of_loop
-
-if TYPE_CHECKING:
-    from slipctl.block.block import Block
-    from slipctl.run.results import Case
-    from slipctl.study.declaration import Gains, Study
 
 KEPT = 4
 """Loops that stay ready to run, the last ones."""

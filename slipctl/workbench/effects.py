@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from slipctl.design.goals import single
 from slipctl.design.slopes.gradients import SMOOTH, Slopes, refuse_scenario
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run.metrics import METRICS, Metric
 from slipctl.run.sweep.ensemble import Draw, Ensemble, World
-
-if TYPE_CHECKING:
-    from slipctl.workbench.desk import Rig
-    from slipctl.workbench.sliders import Slider
+from slipctl.workbench.desk import Rig
+from slipctl.workbench.sliders import Slider
 
 STEP = 0.02
 """Share by which a number is moved to either side where its effect is a difference."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run.sweep.ensemble import World
 from slipctl.run.sweep.spread import count_kept
-
-if TYPE_CHECKING:
-    from slipctl.workbench.desk import Rig
+from slipctl.workbench.desk import Rig
 
 DRAWS = 20
 """Runs of a small ensemble."""

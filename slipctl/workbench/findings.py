@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from slipctl.block.units.unit_algebra import display_scale
 from slipctl.design.goals import single
 from slipctl.errors import BadInput
+from slipctl.run.logs.run_log import Log
 from slipctl.run.metrics import METRICS, Metric
 from slipctl.run.preparation import prepare
 from slipctl.study.case_setup import warnings_before_run
 from slipctl.study.report.texts import number
 from slipctl.workbench.curves import finite
-
-if TYPE_CHECKING:
-    from slipctl.run.logs.run_log import Log
-    from slipctl.workbench.desk import Rig
+from slipctl.workbench.desk import Rig
 
 
 def metric_rows(metrics: Mapping[str, Metric], limits: Mapping[str, float]) -> list[dict[str, Any]]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from slipctl.analysis.optimum import Peak, argmax, highest_peak, objective_functions
+from slipctl.block.block import Block
 from slipctl.block.reach import reach_text, slip_input
 from slipctl.draw import mathml, show
 from slipctl.draw.diagrams import diagram
@@ -18,10 +19,7 @@ from slipctl.run.logs.replay import part_of
 from slipctl.study import resolve
 from slipctl.study.files import declared_parts, trip_files
 from slipctl.workbench.curves import finite
-
-if TYPE_CHECKING:
-    from slipctl.block.block import Block
-    from slipctl.workbench.desk import Desk, Rig
+from slipctl.workbench.desk import Desk, Rig
 
 UPTO = {"ratio": 0.5, "speed": 5.0}
 """How far a curve goes, by what its slip is: the ratio, or m/s."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,11 +13,9 @@ from slipctl.certify.promise import exact_numbers
 from slipctl.design import maps
 from slipctl.design.gain_points import GainPoints
 from slipctl.errors import BadInput
+from slipctl.study.declaration import Gains
 from slipctl.workbench.curves import Curves, Panel, Series
-
-if TYPE_CHECKING:
-    from slipctl.study.declaration import Gains
-    from slipctl.workbench.desk import Rig
+from slipctl.workbench.desk import Rig
 
 POINTS = 11
 """Of a region, each way."""

@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from slipctl.block.block import Block
 from slipctl.errors import BadInput
+from slipctl.run.rail import Scenario
 from slipctl.run.scenario_inputs import loop_at_start, rail_values
 from slipctl.study.files.loop_files import ruled_numbers
 from slipctl.workbench.curves import finite
-
-if TYPE_CHECKING:
-    from slipctl.block.block import Block
-    from slipctl.run.rail import Scenario
 
 FACTOR = 5.0
 """How far a slider goes from the default, to either side, where its declared range is wider."""

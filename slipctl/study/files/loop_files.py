@@ -6,19 +6,17 @@ import json
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from slipctl.block.block import Block
 from slipctl.block.shared_numbers import targets
+from slipctl.block.signals import Signal
 from slipctl.errors import BadInput
+from slipctl.run.rail import Scenario
 from slipctl.run.scenario_inputs import loop_at_start
 from slipctl.study.request import Request
-
-if TYPE_CHECKING:
-    from slipctl.block.block import Block
-    from slipctl.block.signals import Signal
-    from slipctl.run.rail import Scenario
 
 BOUND = "ideal"
 """Loop that the others of a study are measured against; a file takes it along."""

@@ -11,11 +11,12 @@ import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from slipctl import __version__
+from slipctl.block.block import Block
 from slipctl.block.units.unit_algebra import display_scale
 from slipctl.draw import live, mathml, show
 from slipctl.draw.plots import pretty
@@ -43,9 +44,6 @@ from slipctl.study.report.texts import (
     verdicts_of_run,
 )
 from slipctl.study.verdicts import Verdict
-
-if TYPE_CHECKING:
-    from slipctl.block.block import Block
 
 LOOPS = 7
 """Loops beside each other in a table of metrics; the others get a table below it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from slipctl.block.units.unit_algebra import display_scale, parse_quantity
 from slipctl.errors import BadInput
@@ -16,9 +16,7 @@ from slipctl.study.case_setup import Setting
 from slipctl.workbench.answers import Answers, Head, Request
 from slipctl.workbench.curves import finite
 from slipctl.workbench.desk import Desk
-
-if TYPE_CHECKING:
-    from slipctl.workbench.sliders import Slider
+from slipctl.workbench.sliders import Slider
 
 MOST = 5000
 """Runs that a page gets, the first ones."""
