@@ -19,8 +19,7 @@ from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.run.logs.recorded_log import csv_of, read_recording
 from slipctl.run.logs.replay import Replayed, replay
-from slipctl.study.report.page_style import STYLE, html_page
-from slipctl.study.report.report_page import figure, table
+from slipctl.study.report.page_style import STYLE, figure, html_page, table
 from slipctl.study.report.texts import number, wrap_table
 from slipctl.study.request import Request
 

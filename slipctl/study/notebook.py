@@ -24,7 +24,8 @@ from slipctl.run.results import Loops
 from slipctl.run.sweep.spread import quantiles
 from slipctl.run.sweep.sweep_runs import Sweep
 from slipctl.study.declaration import Study
-from slipctl.study.report.report_page import equations, image, table
+from slipctl.study.report.page_style import image, table
+from slipctl.study.report.report_page import equations
 from slipctl.study.report.texts import number, number_or_never
 
 ROWS = 20

@@ -263,7 +263,7 @@ class Answers:
 
     def draws(self, request: Request) -> Iterator[Head]:
         """A small ensemble with the numbers as they are, run by run."""
-        from slipctl.workbench.ensembles import ensemble_rows
+        from slipctl.workbench.effects import ensemble_rows
 
         rig = self._rig(request)
         for row in ensemble_rows(rig, self._moved(request, rig)):

@@ -27,7 +27,7 @@ from slipctl import (
     law,
     step,
 )
-from slipctl.workbench import curves, ensembles, findings, laws
+from slipctl.workbench import curves, effects, findings, laws
 from slipctl.workbench.desk import Desk
 from slipctl.workbench.sources import openings
 
@@ -90,7 +90,7 @@ def test_draws_need_what_is_drawn_and_limits() -> None:
     drawn = Ensemble({"car.m": "1.5kg:3kg"})
 
     def rows(asked, numbers):
-        return list(ensembles.ensemble_rows(asked, numbers, 2))
+        return list(effects.ensemble_rows(asked, numbers, 2))
 
     refused("own declares no ensemble of base", rows, rig(), {})
     refused("own declares no limits", rows, rig(ensemble=drawn), {})
