@@ -14,6 +14,7 @@ import numpy as np
 from slipctl import __version__, registry
 from slipctl.block.block import Block
 from slipctl.block.units.unit_algebra import parse_quantity
+from slipctl.commands.fit import numbers_of_fit
 from slipctl.commands.replay import pairs
 from slipctl.draw import plots
 from slipctl.errors import BadInput, Faults
@@ -196,16 +197,8 @@ def keys_text(found: FittedOverTime, keys: Mapping[str, str], steps: Mapping[str
 def payload(found: FittedOverTime, law: str, notes: Sequence[str], command: str) -> dict[str, Any]:
     """Content of ``fit.json``, but for its format."""
     measured = {**found.flow.states, **found.flow.outputs}[found.output]
-    return {
-        "parameters": {n: {"value": v, "unit": found.unit(n), "std": found.std[n]}
-                       for n, v in found.values.items()},
-        "max_error": found.max_error,
-        "rms": found.rms,
-        "output": found.output,
-        "unit": measured.unit,
-        "points": int(found.residuals.size),
-        "interval_95": {n: list(v) for n, v in found.interval.items()},
-        "correlation": {f"{a}, {b}": r for (a, b), r in found.correlation.items()},
+    units = {n: found.unit(n) for n in found.values}
+    return numbers_of_fit(found, units, measured, found.residuals.size) | {
         "samples_alike": found.alike,
         "starts": list(found.starts),
         "delayed": found.delayed,

@@ -138,12 +138,14 @@ def _fitted(found: Fitted) -> str:
             n, number(v), pretty(found.law.params[n].unit),
             "at a bound" if ends is None else f"{number(ends[0])} to {number(ends[1])}",
         ))  # fmt: skip
+    table = _rows(("parameter", "value", "unit", "95 % interval"), rows, (1,))
+    return _fit(found, found.law.name, table)
+
+
+def _fit(found: Fitted | FittedOverTime, name: str, table: str) -> str:
     said = f"rms of the residuals {number(found.rms)}, largest {number(found.max_error)}"
-    return (
-        _head(found.law.name, said)
-        + _rows(("parameter", "value", "unit", "95 % interval"), rows, (1,))
-        + "".join(f"<p>{escape(line)}</p>" for line in found.doubts)
-    )
+    doubts = "".join(f"<p>{escape(line)}</p>" for line in found.doubts)
+    return _head(name, said) + table + doubts
 
 
 @html.register
@@ -153,12 +155,8 @@ def _fitted_over_time(found: FittedOverTime) -> str:
          "{} to {}".format(*map(number, found.interval[n])))
         for n, v in found.values.items()
     ]  # fmt: skip
-    said = f"rms of the residuals {number(found.rms)}, largest {number(found.max_error)}"
-    return (
-        _head(found.flow.name, said)
-        + _rows(("parameter", "value", "std", "unit", "95 % interval"), rows, (1, 2))
-        + "".join(f"<p>{escape(line)}</p>" for line in found.doubts)
-    )
+    table = _rows(("parameter", "value", "std", "unit", "95 % interval"), rows, (1, 2))
+    return _fit(found, found.flow.name, table)
 
 
 @html.register
