@@ -17,13 +17,7 @@ from slipctl.block.block import Block, Exprs, as_block
 from slipctl.block.call_order import Call, End, calls_of_parts, dependence_of_parts
 from slipctl.block.fields import Composition
 from slipctl.block.functions import symbol_maker
-from slipctl.block.shared_numbers import (
-    Share,
-    Sharing,
-    numbers_of,
-    parts_with_shares,
-    read_shares,
-)
+from slipctl.block.shared_numbers import Share, Sharing, numbers_of, parts_with_shares, read_shares
 from slipctl.block.shared_places import bind
 from slipctl.block.signals import Signal
 from slipctl.block.units import unit_algebra
@@ -33,11 +27,7 @@ WIRE_END = re.compile(r"[A-Za-z][\w.]*")
 
 
 def connect(
-    name: str,
-    wires: Mapping[str, str],
-    *,
-    share: Mapping[str, Any] | None = None,
-    **blocks: Block,
+    name: str, wires: Mapping[str, str], *, share: Mapping[str, Any] | None = None, **blocks: Block
 ) -> Block:
     """Connect blocks to one block.
 

@@ -204,9 +204,7 @@ def _told(found: Farthest) -> list[str]:
     return rows
 
 
-def _asked(
-    options: argparse.Namespace,
-) -> tuple[Callable[[Mapping[str, float]], Asked], str]:
+def _asked(options: argparse.Namespace) -> tuple[Callable[[Mapping[str, float]], Asked], str]:
     """System and numbers of a question, at the numbers of a point, and its name in words.
 
     Raises:
