@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import time
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -110,7 +111,7 @@ class Answers:
         yield {
             "end": True, "home": desk.home, "title": study.title, "doc": study.doc,
             "text": text, "loops": loops, "loop": desk.loop, "scenario": desk.scenario,
-            "sliders": [s.told() for s in rig.sliders], "limits": dict(study.limits),
+            "sliders": [asdict(s) for s in rig.sliders], "limits": dict(study.limits),
             "certificates": rig.certificates(), "controller": study.controller,
             "ensemble": desk.scenario in study.ensembles, "tick": rig.loop.period,
             "folder": str(desk.folder),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -42,10 +42,6 @@ class Slider:
     doc: str
     source: str
     group: str
-
-    def told(self) -> dict[str, Any]:
-        """As plain data."""
-        return asdict(self)
 
 
 def sliders_of_loop(loop: Block, scenario: Scenario, controller: str = "ctl") -> list[Slider]:

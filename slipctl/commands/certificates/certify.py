@@ -17,7 +17,7 @@ from slipctl.certify.systems import Report, System
 from slipctl.commands.certificates import certify_loop
 from slipctl.commands.certificates.certify_numbers import read_numbers
 from slipctl.design import gain_files
-from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.errors import BadInput, RunFailed
 from slipctl.run import store
 from slipctl.run.numbers import check_guards
 from slipctl.study import case_setup, resolve
@@ -51,26 +51,15 @@ def certify(
     Raises:
         BadInput: an unknown system or name, a number that means nothing, a wrong or missing unit.
     """
-    own = certify_loop.own_system(system)
-    if own is not None:
-        return _of_system(own, settings, as_json, out, command)
     loop = certify_loop.is_loop(system)
-    file = system.endswith((".py", ".toml"))
-    if loop or file or (system in resolve.studies() and system not in catalogue.SYSTEMS):
+    study = loop or system.endswith((".py", ".toml"))
+    study = study or (system in resolve.studies() and system not in catalogue.SYSTEMS)
+    if study and certify_loop.own_system(system) is None:
         if not loop and (settings or out is not None):
             word = "--set" if settings else "--out"
             raise BadInput(f"{system} is a study; {word} goes with one of its loops, {system}:LOOP")
         return certify_study(system, as_json, command, out, settings)
-    if system not in catalogue.SYSTEMS:
-        names = (*catalogue.SYSTEMS, *resolve.studies())
-        raise BadInput(f"cannot certify {system!r}{nearest(system, names)}")
-    return _of_system(catalogue.system(system), settings, as_json, out, command)
-
-
-def _of_system(
-    chosen: System, settings: Sequence[str], as_json: bool, out: str | None, command: str
-) -> str:
-    """Answer of a system and the numbers that were told."""
+    chosen = certify_loop.system_by_name(system)
     numbers = read_numbers(chosen, settings)
     report = systems.report(chosen, numbers)
     if out is not None:

@@ -73,6 +73,19 @@ def own_system(name: str) -> System | None:
     return found if isinstance(found, System) else None
 
 
+def system_by_name(name: str, hint: str = "") -> System:
+    """System of a file of one's own, or of the catalogue.
+
+    Raises:
+        BadInput: there is none, with the nearest and a hint behind it.
+    """
+    own = own_system(name)
+    if own is None and name not in catalogue.SYSTEMS:
+        names = (*catalogue.SYSTEMS, *resolve.studies())
+        raise BadInput(f"cannot certify {name!r}{nearest(name, names)}{hint}")
+    return own or catalogue.system(name)
+
+
 def is_loop(name: str) -> bool:
     """Whether a name is ``STUDY:LOOP``."""
     left, colon, _ = name.rpartition(":")
@@ -211,17 +224,9 @@ def _asked(options: argparse.Namespace) -> tuple[Callable[[Mapping[str, float]],
         BadInput: a system or loop that there is not; numbers of a loop that were typed.
     """
     name = options.system
-    own = own_system(name)
-    if own is not None:
-        return replaced_numbers(own, read_numbers(own, options.settings)), name
-    if is_loop(name):
+    if is_loop(name) and own_system(name) is None:
         gains, loop = one(name, options.settings)
         points = GainPoints(gains, loop, find(name)[0].controller)
         return points.at, f"{name.rpartition(':')[0]}:{gains.name}"
-    if name not in catalogue.SYSTEMS:
-        known_ = (*catalogue.SYSTEMS, *resolve.studies())
-        raise BadInput(
-            f"cannot certify {name!r}{nearest(name, known_)}; write a system or STUDY:LOOP"
-        )
-    system = catalogue.system(name)
+    system = system_by_name(name, "; write a system or STUDY:LOOP")
     return replaced_numbers(system, read_numbers(system, options.settings)), name

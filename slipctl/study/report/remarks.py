@@ -116,19 +116,13 @@ def _fared(run: Run, off: EstimateOff) -> tuple[bool, str]:
     if locked.any():
         return False, f"wheels locked for {number(run.tick * np.count_nonzero(locked), 3)} s then"
     rest = run.moving & ~then
-    if (
-        error is not None
-        and then.any()
-        and rest.any()
-        and rms(error[then]) <= HELD * rms(error[rest])
-    ):
+    known = error if then.any() and rest.any() else None
+    if known is not None and rms(known[then]) <= HELD * rms(known[rest]):
         return True, "the controller held the slip all the same"
     factor, unit = display_scale(run.unit("slip"))
     most = number(factor * float(signed[then].max()) if then.any() else 0.0, 3)
-    return (
-        False,
-        f"the slip came to {most}{'' if unit == '1' else ' ' + unit} then, no wheel locked",
-    )
+    said = most if unit == "1" else f"{most} {unit}"
+    return False, f"the slip came to {said} then, no wheel locked"
 
 
 def warnings_of_runs(results: Results) -> list[tuple[str, str]]:
