@@ -11,13 +11,17 @@ from typing import Any
 
 from slipctl.errors import BadInput, Faults, RunFailed
 from slipctl.study.failures import blame
+from slipctl.workbench.command_lines import command_words, found_gains, replayed_curves, run_command
 from slipctl.workbench.curves import curves_of_run, frame
 from slipctl.workbench.desk import Desk, Rig, numbers_in_words, words_of_run
+from slipctl.workbench.effects import difference_rows, ensemble_rows, exact_slopes
 from slipctl.workbench.findings import metric_rows, signals_at, warnings_of_rig
 from slipctl.workbench.questions import COMMANDS, KINDS
+from slipctl.workbench.saved_files import save_desk
 from slipctl.workbench.sliders import check_numbers
+from slipctl.workbench.texts import completions, faults_of_text, with_value
 
-# what a question alone needs is imported there: the first page does not wait for it
+# what is heavy and one question alone needs is imported there: the first page does not wait
 
 EVERY = 0.08
 """Seconds from one part of a curve to the next, while a run goes on."""
@@ -92,8 +96,6 @@ class Answers:
 
     def model(self, request: Request) -> Iterator[Head]:
         """What is open: loops, sliders, limits, certificates; of a faulty file its text alone."""
-        from slipctl.workbench.texts import faults_of_text
-
         desk, text = self.desk, self._text(request)
         try:
             study, loops = desk.study(text), desk.loops(text)
@@ -119,16 +121,12 @@ class Answers:
 
     def text(self, request: Request) -> Iterator[Head]:
         """Faults of a text, each with its line."""
-        from slipctl.workbench.texts import faults_of_text
-
         text = self._text(request)
         found = [] if text is None else faults_of_text(self.desk.home, text)
         yield {"end": True, "found": found}
 
     def complete(self, request: Request) -> Iterator[Head]:
         """What may stand on a line."""
-        from slipctl.workbench.texts import completions
-
         text, line = self._text(request), request.get("line")
         if text is None or not isinstance(line, int):
             raise BadInput("a completion needs a text and a line")
@@ -136,8 +134,6 @@ class Answers:
 
     def edit(self, request: Request) -> Iterator[Head]:
         """Text with another value at a key."""
-        from slipctl.workbench.texts import with_value
-
         text, keys, value = self._text(request), request.get("keys"), request.get("value")
         path = tuple(k for k in keys if isinstance(k, str)) if isinstance(keys, list) else ()
         if text is None or not path or not isinstance(value, str):
@@ -247,8 +243,6 @@ class Answers:
 
     def effects(self, request: Request) -> Iterator[Head]:
         """What each gain of the law, and each number that was moved, does to the metrics."""
-        from slipctl.workbench.effects import difference_rows, exact_slopes
-
         rig = self._rig(request)
         numbers = self._moved(request, rig)
         chosen = [s for s in rig.sliders if s.group == "law" or s.name in numbers][:12]
@@ -264,8 +258,6 @@ class Answers:
 
     def draws(self, request: Request) -> Iterator[Head]:
         """A small ensemble with the numbers as they are, run by run."""
-        from slipctl.workbench.effects import ensemble_rows
-
         rig = self._rig(request)
         for row in ensemble_rows(rig, self._moved(request, rig)):
             yield {"ensemble": row}
@@ -281,8 +273,6 @@ class Answers:
 
     def save(self, request: Request) -> Iterator[Head]:
         """Write the file, with the numbers that were moved."""
-        from slipctl.workbench.saved_files import save_desk
-
         rig = self._rig(request)
         name = request.get("name") or ""
         if not isinstance(name, str) or len(name) > 200:
@@ -292,31 +282,27 @@ class Answers:
 
     def command(self, request: Request) -> Iterator[bytes | Head]:
         """Report, search, sweep or replay of what is saved, as the command line does it."""
-        from slipctl.workbench import command_lines
-
         asked = str(request.get("command"))
         if asked == "stop":  # a newer question has ended the older one
             yield {"end": True, "command": asked, "said": self.stopped}
             return
         words, out = self._words(asked, request)
         said: Head = {}
-        for said in command_lines.run_command(words):
+        for said in run_command(words):
             yield {"command": asked, **said} if "progress" in said else b""
         if asked in ("tune", "replay") and said["code"]:
             raise BadInput(said["said"].strip().rpartition("\n")[2] or f"{asked} failed")
         if asked == "replay":
             who = {"kind": "command", "id": 0, "loop": "replay", "share": 1.0}
-            yield frame(who, command_lines.replayed_curves(out))
+            yield frame(who, replayed_curves(out))
         sliders = self._rig(request).sliders if asked == "tune" else []
-        gains = command_lines.found_gains(out, sliders) if asked == "tune" else {}
+        gains = found_gains(out, sliders) if asked == "tune" else {}
         report = out.relative_to(self.folder) / "report.html"
         yield {"end": True, "command": asked, "said": said["said"], "line": said["command"],
                "gains": gains, "file": str(report)}  # fmt: skip
 
     def _words(self, asked: str, request: Request) -> tuple[list[str], Path]:
         """Words of a command behind ``slipctl``, and the folder that it writes."""
-        from slipctl.workbench.command_lines import command_words
-
         if asked not in COMMANDS:
             raise BadInput(f"there is no command {asked[:40]!r}; {', '.join(COMMANDS)}")
         rig = self._rig(request)

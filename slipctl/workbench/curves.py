@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from slipctl.block.units.unit_algebra import display_scale
+
 if TYPE_CHECKING:
     from slipctl.run.metrics import Run
     from slipctl.run.results import Known
@@ -101,8 +103,6 @@ def _speeds(run: Run) -> Panel | None:
 
 def _pairs(run: Run) -> Iterator[Panel]:
     """What is reached, what is wanted, and what would be best."""
-    from slipctl.block.units.unit_algebra import display_scale
-
     for name, rows in (
         ("slip", (("slip", "slip", "main"), ("best_slip", "best", "best"),
                   ("reference", "wanted", "wanted"))),

@@ -8,6 +8,7 @@ from pathlib import Path
 from slipctl.errors import BadInput
 from slipctl.run.logs.recorded_log import Recording, read_recording
 from slipctl.workbench.answers import Answers, Head, Request
+from slipctl.workbench.command_lines import word, words_of_replay
 from slipctl.workbench.curves import Curves, Panel, Series, frame
 
 MOST = 24
@@ -73,8 +74,6 @@ class LogAnswers(Answers):
         yield {"end": True, "warnings": curves_of_recording(self.log)[1]}
 
     def _words(self, asked: str, request: Request) -> tuple[list[str], Path]:
-        from slipctl.workbench.command_lines import word, words_of_replay
-
         if asked != "replay":
             raise BadInput(f"{asked[:40]} needs a loop; open a vehicle's file or a study")
         part = word(request, "part", "a part of a loop, such as metro.toml:pid.ctl")
