@@ -30,6 +30,7 @@ from slipctl.study.cache import Keep, key_of
 from slipctl.study.failures import note_failure
 from slipctl.study.files import results_folder
 from slipctl.study.jobs import Cores
+from slipctl.study.report import report_page
 from slipctl.study.report.remarks import answer_line, estimator_remarks, warnings_of_runs
 from slipctl.study.report.texts import changes, claim_line, claim_table, left_to_full, metric_table
 from slipctl.study.request import Request
@@ -204,8 +205,6 @@ class _Run:
 
     def _stopped(self) -> None:
         """Write what had finished, and that the rest is missing."""
-        from slipctl.study.report import report_page
-
         self.progress.end()
         self.keep.clear_parts()
         self._found_tables()

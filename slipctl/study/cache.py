@@ -18,6 +18,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import casadi
 import numpy as np
 
 from slipctl import __version__
@@ -63,13 +64,11 @@ class Keep:
         import xarray
 
         path = self.out / "logs" / scenario / f"{loop}.nc"
-        if not path.exists() or not path.with_suffix(".csv").exists():
+        own = _attribute(path, "key") == self.of(scenario, loop)
+        if not own or not path.with_suffix(".csv").exists():
             return None
         try:
-            with xarray.open_dataset(path, engine="netcdf4") as data:
-                if data.attrs.get("key") != self.of(scenario, loop):
-                    return None
-                found = data.load()
+            found = xarray.load_dataset(path, engine="netcdf4")
         except (OSError, ValueError, KeyError, RuntimeError):
             return None  # damaged: it runs again
         changes = np.atleast_1d(found.attrs.get("rail_changes_s", []))
@@ -153,8 +152,6 @@ def _attribute(path: Path, name: str) -> Any:
 
 def key_of(study: Any, *, quick: bool, settings: Sequence[str], swaps: Sequence[str]) -> str:
     """Hash of everything that the results of a study depend on, but their own names."""
-    import casadi
-
     what = {
         "study": study.name, "quick": quick, "settings": list(settings), "swaps": list(swaps),
         "slipctl": __version__, "casadi": casadi.CasadiMeta.version(), "numpy": np.__version__,

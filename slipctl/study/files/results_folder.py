@@ -22,6 +22,7 @@ from slipctl.run.results import Results
 from slipctl.study.failures import note_failure
 from slipctl.study.jobs import Cores, Job, Outcome, run_jobs
 from slipctl.study.provenance import provenance, stamp
+from slipctl.study.report import report_page
 from slipctl.study.report.texts import tolerance_text, values_beyond_limit
 from slipctl.study.verdicts import Verdict
 
@@ -195,8 +196,6 @@ def figure_jobs(results: Results, out: Path, command: str) -> dict[str, Callable
 
 def section_jobs(results: Results) -> dict[str, Job[Any]]:
     """Sections of the page that need no run, by name; what they give goes to :func:`save_pages`."""
-    from slipctl.study.report import report_page
-
     return _sections(report_page.constant(results))
 
 
@@ -220,8 +219,6 @@ def save_pages(
         cores: what the figures are drawn on.
         there: outcomes of :func:`section_jobs`; those that lack are written here.
     """
-    from slipctl.study.report import report_page
-
     plots.load()  # once, before the processes part
     figures = figure_jobs(results, out, command)
     jobs: dict[str, Job[Any]] = {f"figure {stem}": job for stem, job in figures.items()}

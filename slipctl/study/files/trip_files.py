@@ -159,19 +159,16 @@ def gain_keys(found: Sequence[Signal]) -> list[Key]:
     ]  # fmt: skip
 
 
-def _schema_of_gains(kind: str, doc: str, found: Sequence[Signal]) -> dict[str, Any]:
-    """What a controller of this kind may have: its law in a sentence, and each gain."""
-    given = {k.name: {"description": description(k)} for k in gain_keys(found)}
-    return {"if": {"properties": {"kind": {"const": kind}}, "required": ["kind"]},
-            "then": {"description": doc, "properties": given}}  # fmt: skip
-
-
 def schema_text() -> str:
     """JSON schema of such files, as text."""
     files = vehicle_files()
     said = declared_parts.schema(files.roots, "A vehicle on its way, as slipctl reads it")
     for part in said["$defs"].values():
-        laws = {k: law for k in part["properties"].get("kind", {}).get("enum", ())
-                if (law := files.law_of_kind(k)) is not None}  # fmt: skip
-        part |= {"allOf": [_schema_of_gains(k, *law) for k, law in laws.items()]} if laws else {}
+        for kind in part["properties"].get("kind", {}).get("enum", ()):
+            if (law := files.law_of_kind(kind)) is not None:  # in a sentence, and each gain
+                given = {k.name: {"description": description(k)} for k in gain_keys(law[1])}
+                part.setdefault("allOf", []).append({
+                    "if": {"properties": {"kind": {"const": kind}}, "required": ["kind"]},
+                    "then": {"description": law[0], "properties": given},
+                })  # fmt: skip
     return json.dumps(said, indent=1, ensure_ascii=False) + "\n"
