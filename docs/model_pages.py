@@ -23,7 +23,7 @@ from slipctl.block.block import Block
 from slipctl.draw.diagrams import diagram
 from slipctl.errors import BadInput
 from slipctl.study import resolve
-from slipctl.study.report import report_page
+from slipctl.study.report import page_style, report_page
 from slipctl.study.report.texts import number
 
 LONG = 50_000
@@ -107,7 +107,7 @@ def _table(block: Block) -> str:
             value = s.value if isinstance(s.value, str) or s.value is None else number(s.value, 6)
             unit = "" if s.unit == "1" else report_page.pretty(s.unit)
             rows.append([called, name, value or "", unit, _range(s), s.doc, s.source])
-    return report_page.table(["", "name", "value", "unit", "range", "meaning", "source"], rows)
+    return page_style.table(["", "name", "value", "unit", "range", "meaning", "source"], rows)
 
 
 def _range(s: Any) -> str:

@@ -176,14 +176,9 @@ class Block(Functions):
             return self.states[name]
         if name in self.params or name not in self.sharing.aliases:
             return self._settable(name)
-        return self._part_of(name)[0].declared(self._part_of(name)[1])
-
-    def _part_of(self, name: str) -> tuple[Block, str]:
-        """Part that a place lies in, and the place's name there."""
-        if self.prefixed:
-            head, _, rest = name.partition(".")
-            return self.parts[head], rest
-        return next(iter(self.parts.values())), name
+        owner = self._owner(name)
+        assert owner is not None  # a place lies in a part
+        return self.parts[owner[0]].declared(owner[1])
 
     def _with_values(self, values: Mapping[str, Any]) -> Block:
         """Give each value to the part that owns it; what no part owns stays with this block."""
@@ -242,7 +237,8 @@ class Block(Functions):
         changed = []
         for s in self.signals:
             old = before._signals[s.role].get(s.name)
-            if s.role not in ("param", "state") or self._of_parts(s.name):
+            of_part = s.name in self.sharing.shares or self._owner(s.name) is not None
+            if s.role not in ("param", "state") or of_part:
                 changed.append(s)
             elif s.name in new:
                 changed.append(s.valued(new[s.name]))
@@ -279,10 +275,6 @@ class Block(Functions):
                 if part._has(name):
                     return head, name
         return None
-
-    def _of_parts(self, name: str) -> bool:
-        """Whether a state or parameter has its number from a part, or from a share."""
-        return name in self.sharing.shares or self._owner(name) is not None
 
     def _has(self, name: str) -> bool:
         """Whether ``name`` is a state, a parameter, or a place of a shared number."""

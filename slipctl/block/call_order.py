@@ -18,11 +18,7 @@ Call = tuple[str, list[str], bool]
 """One evaluation of a part: its name, the outputs to take, and whether it is the last one."""
 
 
-def calls_of_parts(
-    name: str,
-    blocks: Mapping[str, Block],
-    inner: Mapping[End, End],
-) -> list[Call]:
+def calls_of_parts(name: str, blocks: Mapping[str, Block], inner: Mapping[End, End]) -> list[Call]:
     """Order of evaluation; a part whose outputs become known in pieces is called in pieces.
 
     Raises:
@@ -71,10 +67,7 @@ def _on_circle(missing: Mapping[str, Sequence[End]]) -> str:
 
 
 def _leading_to(
-    ends: Sequence[End],
-    blocks: Mapping[str, Block],
-    inner: Mapping[End, End],
-    known: set[End],
+    ends: Sequence[End], blocks: Mapping[str, Block], inner: Mapping[End, End], known: set[End]
 ) -> set[End]:
     """Unknown outputs that some outputs need, themselves included.
 
@@ -90,11 +83,7 @@ def _leading_to(
     return found
 
 
-def _loop_path(
-    blocks: Mapping[str, Block],
-    inner: Mapping[End, End],
-    known: set[End],
-) -> str:
+def _loop_path(blocks: Mapping[str, Block], inner: Mapping[End, End], known: set[End]) -> str:
     """Walk back from an output that cannot be computed until one comes again."""
     node = next(
         (b, n)

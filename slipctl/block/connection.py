@@ -14,29 +14,20 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs, as_block
-from slipctl.block.call_order import Call, calls_of_parts, dependence_of_parts
+from slipctl.block.call_order import Call, End, calls_of_parts, dependence_of_parts
 from slipctl.block.fields import Composition
 from slipctl.block.functions import symbol_maker
-from slipctl.block.shared_numbers import (
-    Share,
-    Sharing,
-    numbers_of,
-    parts_with_shares,
-    read_shares,
-)
+from slipctl.block.shared_numbers import Share, Sharing, numbers_of, parts_with_shares, read_shares
 from slipctl.block.shared_places import bind
 from slipctl.block.signals import Signal
+from slipctl.block.units import unit_algebra
 from slipctl.errors import BadInput, check_known, nearest
 
 WIRE_END = re.compile(r"[A-Za-z][\w.]*")
 
 
 def connect(
-    name: str,
-    wires: Mapping[str, str],
-    *,
-    share: Mapping[str, Any] | None = None,
-    **blocks: Block,
+    name: str, wires: Mapping[str, str], *, share: Mapping[str, Any] | None = None, **blocks: Block
 ) -> Block:
     """Connect blocks to one block.
 
@@ -70,12 +61,12 @@ def connect(
     blocks = parts_with_shares(blocks, shares, numbers_of(name, shares))
     sharing = Sharing.of(blocks, shares)
     wiring = _Wiring.of(name, blocks, wires)
-    free, signals = _signals_of_parts(blocks, wiring, shares)
-    inner, outer_outputs = wiring.inner, wiring.outputs
+    signals = _signals_of_parts(blocks, wiring, shares)
+    inner, free, outer_outputs = wiring.inner, wiring.free, wiring.outputs
     plan = calls_of_parts(name, blocks, inner)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        results: dict[tuple[str, str], Any] = {
+        results: dict[End, Any] = {
             (b, n): x[f"{b}.{n}"]
             for b, block in blocks.items()
             for n in block.states
@@ -86,7 +77,7 @@ def connect(
             block = blocks[b]
             args = [
                 block.pack("state", {n: x[f"{b}.{n}"] for n in block.states}),
-                block.pack("input", _inputs(b, block, inner, free, results, u)),
+                block.pack("input", _inputs(b, block, wiring, results, u)),
                 block.pack("param", {n: p[sharing.name(f"{b}.{n}")] for n in block.params}),
             ]
             n, y = _evaluated(block, args, outputs, last)
@@ -94,7 +85,7 @@ def connect(
                 nxt |= {f"{b}.{k}": v for k, v in block.unpack("state", n).items()}
                 values = block.unpack("output", y)
             else:
-                values = _unpack_some(block, outputs, y)
+                values = block.unpack("output", y, outputs)
             results |= {(b, k): values[k] for k in outputs}
         y_all = {f"{b}.{k}": results[b, k] for b, block in blocks.items() for k in block.outputs}
         y_all |= {out: results[source] for out, source in outer_outputs.items()}
@@ -127,12 +118,12 @@ def _check_given(name: str, wires: Mapping[str, str], blocks: Mapping[str, Block
 class _Wiring(NamedTuple):
     """Where each wire of a connection begins, as (part, signal)."""
 
-    inner: dict[tuple[str, str], tuple[str, str]]
+    inner: dict[End, End]
     """Source of an input that another part feeds."""
-    renamed: dict[tuple[str, str], str]
-    """Input of the connection that feeds an input."""
+    free: dict[End, str]
+    """Input of the connection that feeds each other input."""
     inputs: dict[str, Signal]
-    outputs: dict[str, tuple[str, str]]
+    outputs: dict[str, End]
 
     @classmethod
     def of(cls, name: str, blocks: Mapping[str, Block], wires: Mapping[str, str]) -> _Wiring:
@@ -156,18 +147,22 @@ class _Wiring(NamedTuple):
                 else:
                     _check_wire(name, source, known, destination, signal)
                     found.inputs[source] = _both(known, signal.moved(source, part))
-                found.renamed[part, port] = source
+                found.free[part, port] = source
                 continue
             from_part, from_port = _source(name, blocks, source)
             _check_wire(name, source, _signal(blocks[from_part], from_port), destination, signal)
             found.inner[part, port] = (from_part, from_port)
+        for b, block in blocks.items():
+            for n in block.inputs:
+                if (b, n) not in found.inner:
+                    found.free.setdefault((b, n), f"{b}.{n}")
         return found
 
 
 def _signals_of_parts(
     blocks: Mapping[str, Block], wiring: _Wiring, shares: Mapping[str, Share]
-) -> tuple[dict[tuple[str, str], str], list[Signal]]:
-    """Name of each input that the connection has for a part's, and all its signals."""
+) -> list[Signal]:
+    """All signals of the connection."""
     here = {place for s in shares.values() for place in s.places}
     signals: list[Signal] = []
     for b, block in blocks.items():
@@ -179,17 +174,14 @@ def _signals_of_parts(
     for b, block in blocks.items():
         signals += [s.named(f"{b}.{n}") for n, s in block.params.items() if f"{b}.{n}" not in here]
     signals += list(wiring.inputs.values())
-    free = dict(wiring.renamed)
     for b, block in blocks.items():
-        for n, s in block.inputs.items():
-            if (b, n) not in wiring.inner and (b, n) not in wiring.renamed:
-                free[b, n] = f"{b}.{n}"
-                signals.append(s.moved(f"{b}.{n}", b))
+        own = ((n, s) for n, s in block.inputs.items() if wiring.free.get((b, n)) == f"{b}.{n}")
+        signals += [s.moved(f"{b}.{n}", b) for n, s in own]
     for b, block in blocks.items():
         signals += [s.moved(f"{b}.{n}", b) for n, s in block.outputs.items()]
     for out, (b, n) in wiring.outputs.items():
         signals.append(_signal(blocks[b], n).moved(out, b).as_role("output", value=None))
-    return free, signals
+    return signals
 
 
 def _conditions(blocks: Mapping[str, Block], sharing: Sharing) -> dict[str, dict[str, float]]:
@@ -222,7 +214,7 @@ def _common_kind(name: str, blocks: Mapping[str, Block]) -> tuple[str, float | N
     return kind, next(iter(periods.values()), None)
 
 
-def _find(name: str, blocks: Mapping[str, Block], path: str, role: str) -> tuple[str, str]:
+def _find(name: str, blocks: Mapping[str, Block], path: str, role: str) -> End:
     part, dot, port = path.partition(".")
     if part not in blocks or not dot:
         raise BadInput(f"{name}: {path!r} names no part{nearest(part, blocks)}")
@@ -231,7 +223,7 @@ def _find(name: str, blocks: Mapping[str, Block], path: str, role: str) -> tuple
     return part, port
 
 
-def _source(name: str, blocks: Mapping[str, Block], path: str) -> tuple[str, str]:
+def _source(name: str, blocks: Mapping[str, Block], path: str) -> End:
     """Part and name of an output, or of a state, whose value at the start of the tick it is."""
     part, dot, port = path.partition(".")
     if part in blocks and dot and port in blocks[part].states:
@@ -244,8 +236,6 @@ def _signal(block: Block, port: str) -> Signal:
 
 
 def _check_wire(name: str, source: str, s: Signal, destination: str, d: Signal) -> None:
-    from slipctl.block.units import unit_algebra
-
     where = f"{name}: {source} [{s.unit}] cannot feed {destination} [{d.unit}]"
     if s.unit != d.unit:
         if not unit_algebra.dimension_equal(s.unit, d.unit):
@@ -285,45 +275,25 @@ def _both(a: Signal, b: Signal) -> Signal:
     )
 
 
-def evaluation_order(
-    block: Block,
-) -> tuple[list[Call], dict[tuple[str, str], tuple[str, str]], dict[tuple[str, str], str]]:
+def evaluation_order(block: Block) -> tuple[list[Call], dict[End, End], dict[End, str]]:
     """How a connected block is evaluated.
 
     Returns:
         The calls of its parts in order; (part, port) that feeds each inner (part, input); name of
         the block's own input that feeds each other (part, input).
     """
-    inner: dict[tuple[str, str], tuple[str, str]] = {}
-    free = {(b, n): f"{b}.{n}" for b, part in block.parts.items() for n in part.inputs}
-    for destination, source in block.wires.items():
-        if "." not in destination:
-            continue
-        end = _find(block.name, block.parts, destination, "input")
-        if "." in source:
-            inner[end] = _source(block.name, block.parts, source)
-            del free[end]
-        else:
-            free[end] = source
-    return calls_of_parts(block.name, block.parts, inner), inner, free
+    wiring = _Wiring.of(block.name, block.parts, block.wires)
+    plan = calls_of_parts(block.name, block.parts, wiring.inner)
+    return plan, wiring.inner, wiring.free
 
 
-def _inputs(
-    b: str,
-    block: Block,
-    inner: Mapping[tuple[str, str], tuple[str, str]],
-    free: Mapping[tuple[str, str], str],
-    results: Mapping[tuple[str, str], Any],
-    u: Exprs,
-) -> Exprs:
-    values: Exprs = {}
-    for n, s in block.inputs.items():
-        if (b, n) in free:
-            values[n] = u[free[b, n]]
-        else:
-            # not yet computed: an output evaluated now does not depend on it
-            values[n] = results.get(inner[b, n], ca.DM.zeros(s.size, 1))
-    return values
+def _inputs(b: str, block: Block, wiring: _Wiring, results: Mapping[End, Any], u: Exprs) -> Exprs:
+    """Inputs of a part; an output that is evaluated now does not depend on what is not known."""
+    return {
+        n: u[wiring.free[b, n]] if (b, n) in wiring.free
+        else results.get(wiring.inner[b, n], ca.DM.zeros(s.size, 1))
+        for n, s in block.inputs.items()
+    }  # fmt: skip
 
 
 _inlined: ContextVar[bool] = ContextVar("_inlined", default=False)
@@ -378,14 +348,3 @@ def _pack_some(block: Block, outputs: list[str], y: Exprs) -> Any:
     wanted = block.pack("output", {k: y[k] if k in outputs else 0.0 for k in block.outputs})
     found = block.unpack("output", wanted)
     return ca.vertcat(*[ca.reshape(found[k], block.outputs[k].size, 1) for k in outputs])
-
-
-def _unpack_some(block: Block, outputs: list[str], y: Any) -> Exprs:
-    values: Exprs = {}
-    at = 0
-    for k in outputs:
-        s = block.outputs[k]
-        piece = y[at : at + s.size]
-        values[k] = ca.reshape(piece, *s.shape) if len(s.shape) == 2 else piece
-        at += s.size
-    return values

@@ -8,14 +8,14 @@ from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from slipctl.block.shared_numbers import ALONE, Sharing
 from slipctl.block.signals import Signal, Split
 from slipctl.block.units.unit_algebra import read_unit
 from slipctl.errors import BadInput, check_positive, list_of_kind, refuse_unknown_choice, value_text
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from slipctl.block.block import Block
 
 Body = Any
@@ -100,11 +100,8 @@ class Composition:
     @classmethod
     def around(cls, block: Block, rebuild: Rebuild | None, **more: Any) -> Composition:
         """Composition of a block that is ``block`` in another time, or several of it."""
-        shown: dict[str, Any] = {
-            "transparent": True,
-            "by_structure": True,
-            "sharing": block.sharing.through(),
-        }
+        through = block.sharing.through()
+        shown: dict[str, Any] = {"transparent": True, "by_structure": True, "sharing": through}
         return cls(parts={block.name: block}, rebuild=rebuild, **shown | more)
 
 

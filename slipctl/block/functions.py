@@ -88,11 +88,12 @@ class Functions(Values):
             columns.append(ca.reshape(v, s.size, 1) if len(s.shape) == 2 else v)
         return ca.vertcat(*columns) if columns else ca.DM(0, 1)
 
-    def unpack(self, role: str, vector: Any) -> Exprs:
-        """Split a column vector into values of one role by name, in their shapes."""
+    def unpack(self, role: str, vector: Any, names: Iterable[str] | None = None) -> Exprs:
+        """Split a column vector into values of one role, or some, by name, in their shapes."""
         out: Exprs = {}
         at = 0
-        for n, s in self._signals[role].items():
+        for n in self._signals[role] if names is None else names:
+            s = self._signals[role][n]
             piece = vector[at : at + s.size]
             out[n] = ca.reshape(piece, *s.shape) if len(s.shape) == 2 else piece
             at += s.size

@@ -284,7 +284,8 @@ def targets(block: Block, name: str, roles: Iterable[str] = ("param", "state")) 
             continue
         places = [*places_of(block, shared), *(p for p, key in left.items() if key == shared)]
         missed = [p for p in places if p not in hits]
-        if missed and not any(h in block.sharing.owners for h in hits if _same(block, h, shared)):
+        own = [h for h in hits if block.sharing.aliases.get(h) == shared]
+        if missed and not any(h in block.sharing.owners for h in own):
             raise BadInput(
                 f"{name} matches {len(places) - len(missed)} of the {len(places)} places of"
                 f" {shared}; write {shared}= for all of them, or {hit}= for that one alone"
@@ -296,10 +297,6 @@ def targets(block: Block, name: str, roles: Iterable[str] = ("param", "state")) 
             f"{name!r} could be {' or '.join(found)}; write which, or '*.{name}' for all"
         )
     return list(found)
-
-
-def _same(block: Block, place: str, shared: str) -> bool:
-    return block.sharing.aliases.get(place) == shared
 
 
 def has_place(blocks: Mapping[str, Block], place: str) -> bool:
@@ -318,9 +315,9 @@ def signal_at(blocks: Mapping[str, Block], place: str) -> Signal:
 def _in_order(name: str, shares: Mapping[str, Share]) -> list[str]:
     """Names of the shares, each after those that it is computed from."""
 
-    def needs(_: str, share: Share) -> list[str]:
+    def needs(_: str, share: Share) -> tuple[str, ...]:
         assert share.signal is not None
-        return names_in(share.signal.value) if share.signal.derived else []
+        return names_in(share.signal.value) if share.signal.derived else ()
 
     def stuck(key: str, share: Share, done: Mapping[str, Any]) -> BadInput:
         assert share.signal is not None

@@ -7,17 +7,16 @@ from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
+import casadi as ca
 import numpy as np
 
+from slipctl.block.block import Block
 from slipctl.block.shared_numbers import Share, differences, has_place, signal_at
 from slipctl.block.signals import Signal, common_range
 from slipctl.block.text.named_expressions import evaluate, names_in
+from slipctl.block.units import unit_algebra
 from slipctl.errors import BadInput, nearest
-
-if TYPE_CHECKING:
-    from slipctl.block.block import Block
 
 
 def bind(name: str, blocks: Mapping[str, Block], shares: Mapping[str, Share]) -> dict[str, Share]:
@@ -130,8 +129,6 @@ def _agree(
 
     Places that are derived alike have one: ``lifted`` are their expressions of shared numbers.
     """
-    from slipctl.block.units import unit_algebra
-
     first = next((s for s in signals if len(s.shape) == 0), signals[0])
     for place, s in zip(places[1:], signals[1:], strict=True):
         same = s.unit == first.unit or (
@@ -188,8 +185,6 @@ def _check_unit(name: str, share: Share, shares: Mapping[str, Share]) -> None:
 @lru_cache(maxsize=4096)
 def _unit_error(expression: str, unit: str, given: tuple[tuple[str, str], ...]) -> str:
     """What is wrong with the unit of an expression, empty if nothing is."""
-    import casadi as ca
-
     from slipctl.block.units import unit_algebra, unit_walk
 
     with unit_algebra.checking_units():

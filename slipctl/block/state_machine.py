@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.block.block import Block, Exprs, make_block
+from slipctl.block.block import Block, Exprs, block_from
 from slipctl.block.signals import Output, Signal, State
 from slipctl.block.text import expression
 from slipctl.errors import BadInput, Faults, check_known, nearest
@@ -70,11 +70,9 @@ def state_machine(
         return {"at": then}, {"state": then}
 
     given = [s.named(n) for n, s in signals.items()]
-    return make_block(
-        name, "step", body, states=[kept.named("at")],
-        inputs=[s for s in given if s.role == "input"],
-        params=[s for s in given if s.role == "param"],
-        outputs=[Output("enum", "state it is in", values=kept.values).named("state")],
+    told = Output("enum", "state it is in", values=kept.values).named("state")
+    return block_from(
+        name, "step", body, [kept.named("at"), *given, told],
         doc=doc or f"One of {', '.join(kept.values)}.", period=period,
         choices={"transitions": tuple(t[:3] for t in found)},
     )  # fmt: skip

@@ -13,8 +13,10 @@ import gc
 import io
 import logging
 import os
+import shlex
 import signal
 import sys
+import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
@@ -87,7 +89,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             for line in tell_threads():
                 _say(line)
             home = import_module(ANSWERS[options.command])
-            code: int = home.answer(options, _written(arguments))
+            code: int = home.answer(options, shlex.join(["slipctl", *arguments]))
             sys.stdout.flush()
             if closed:
                 _say("standard output is closed; nothing was printed")
@@ -121,8 +123,6 @@ def _explain(error: BaseException, verbose: bool) -> int:
 
     origin = error.__cause__ if isinstance(error, (BadInput, RunFailed)) else error
     if verbose and origin is not None:
-        import traceback
-
         traceback.print_exception(origin)
     try:
         blame(error)
@@ -166,13 +166,6 @@ def _talk(options: argparse.Namespace) -> None:
     log.handlers[:] = [handler]
     log.setLevel(level)
     log.propagate = False
-
-
-def _written(arguments: Sequence[str]) -> str:
-    """Return the command line as it may be typed again."""
-    import shlex
-
-    return shlex.join(["slipctl", *arguments])
 
 
 if __name__ == "__main__":

@@ -176,15 +176,11 @@ def metric_rows(sides: Sequence[Side]) -> dict[str, list[dict[str, Any]]]:
     if not pairs:
         has = "; ".join(f"{s.name} has {', '.join(s.metrics) or 'none'}" for s in sides)
         raise BadInput(f"the folders have no scenario and loop in common: {has}")
-    return {
-        title: [_row(sides, keys, metric) for metric in _names(sides, keys)]
-        for title, keys in pairs
-    }
-
-
-def _names(sides: Sequence[Side], keys: Sequence[str]) -> list[str]:
-    every = [s.metrics[k] for s, k in zip(sides, keys, strict=True)]
-    return list(dict.fromkeys(n for m in every for n in m))
+    rows = {}
+    for title, keys in pairs:
+        names = dict.fromkeys(n for s, k in zip(sides, keys, strict=True) for n in s.metrics[k])
+        rows[title] = [_row(sides, keys, metric) for metric in names]
+    return rows
 
 
 def _row(sides: Sequence[Side], keys: Sequence[str], metric: str) -> dict[str, Any]:
@@ -200,24 +196,18 @@ def _row(sides: Sequence[Side], keys: Sequence[str], metric: str) -> dict[str, A
         [q[0], q[2]] if q and v.size > 1 else None for q, v in zip(shares, values, strict=True)
     ]
     first = middle[0]
-    apart: list[float | None] = []
-    paired: list[list[float] | None] = []
-    beyond: list[bool] = []
+    found: list[tuple[float | None, list[float] | None, bool]] = []
     for k, m in enumerate(middle[1:], start=1):
         each = _paired(sides[0], every[0], sides[k], every[k])
         if each is not None:
             low, mid, high = quantiles(each, (0.05, 0.5, 0.95))
-            apart.append(mid)
-            paired.append([low, high])
-            beyond.append(bool(low > 0 or high < 0))
-            continue
-        paired.append(None)
-        if m is None or first is None or (m == first and np.isinf(m)):
-            apart.append(None)
-            beyond.append(False)
-            continue
-        apart.append(_minus(m, first))
-        beyond.append(_apart(spread[0], spread[k], first, m))
+            found.append((mid, [low, high], bool(low > 0 or high < 0)))
+        elif m is None or first is None or (m == first and np.isinf(m)):
+            found.append((None, None, False))
+        else:  # whether 90 % of the runs of one lie on one side of those of the other
+            (a_lo, a_hi), (b_lo, b_hi) = spread[0] or (first, first), spread[k] or (m, m)
+            found.append((_minus(m, first), None, bool(a_hi < b_lo or b_hi < a_lo)))
+    apart, paired, beyond = map(list, zip(*found, strict=True))
     unit = next((s.units[metric] for s in sides if metric in s.units), "1")
     return {"metric": metric, "unit": unit, "values": middle, "spread": spread,
             "never": [int(np.isinf(v).sum()) for v in values], "difference": apart,
@@ -240,12 +230,6 @@ def _paired(one: Side, a: np.ndarray, other: Side, b: np.ndarray) -> np.ndarray 
     pairs = [(a[at[d]], b[k]) for k, d in enumerate(other.draws) if d in at]
     found = [_minus(y, x) for x, y in pairs if not (np.isnan(x) or np.isnan(y))]
     return np.array(found) if found else None
-
-
-def _apart(a: Any, b: Any, first: float, other: float) -> bool:
-    """Whether 90 % of the runs of one lie on one side of those of the other."""
-    (a_lo, a_hi), (b_lo, b_hi) = a or (first, first), b or (other, other)
-    return bool(a_hi < b_lo or b_hi < a_lo)
 
 
 def text(

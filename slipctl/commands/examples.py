@@ -13,40 +13,43 @@ in a file (my_law.py:my_law, my_law.toml:law). It may also be an equation, such 
   slipctl show "T = min(g*e, T_max) where e [m/s], g = 9 kN s, T_max = 8 kN m"
 """
 
-LIST = """\
+OF_COMMAND = {
+    "list": """\
   slipctl list kinds
   slipctl list sensor
   slipctl list observer --json
-"""
-
-SHOW = """\
+""",
+    "show": """\
   slipctl show subway_braking:sta
   slipctl show metro.toml:pid
   slipctl show "mu = c*v_s where v_s [m/s], c = 0.1 s/m"
-"""
-
-NEW = """\
+""",
+    "new": """\
   slipctl new metro
   slipctl new metro my_car.toml
   slipctl new --from hst_braking:eppfc
   slipctl new --from subway_braking:sta@curves curves.toml
-"""
-
-OPEN = """\
+""",
+    "open": """\
 The page is served on this machine alone; the address holds its key.
 
   slipctl open
   slipctl open metro.toml --python my_law.py
   slipctl open hst_braking:eppfc --port 8765 --no-browser
-"""
-
-RUN = """\
+""",
+    "schema": """\
+  slipctl schema > slipctl.schema.json
+""",
+    "copy": """\
+  slipctl copy double_exponential my_law.py
+  slipctl run subway_braking --swap adh=my_law.py:double_exponential
+""",
+    "run": """\
   slipctl run metro.toml
   slipctl run metro.toml --loop pid --set m=42t --out out/heavy
   slipctl run hst_braking --full
-"""
-
-SWEEP = """\
+""",
+    "sweep": """\
 Each run is stored as soon as it ends. The same command resumes a stopped sweep; a larger --samples
 extends it.
 
@@ -55,9 +58,8 @@ extends it.
   slipctl sweep hst_braking:eppfc --vary ctl.law.K1=5:50 m=28t:42t --samples 2000 --out out/draws
   slipctl sweep hst_braking:eppfc --vary m=28t:42t --samples 9000 --scheduler tcp://10.0.0.5:8786 \\
       --out out/masses
-"""
-
-TUNE = """\
+""",
+    "tune": """\
 The search starts with the gains set by hand. It runs only gains that have a certificate. The same
 command resumes a stopped search.
 
@@ -65,69 +67,47 @@ command resumes a stopped search.
   slipctl tune hst_braking:eppfc --free K1=5:50 --minimise slip_error_rms \\
       --subject-to 'torque_ripple<=8kN m' 'margin>=1.2' --samples 40 --out out/eppfc
   slipctl run subway_braking --loop sta --set out/sta/gains.toml
-"""
-
-REPLAY = """\
+""",
+    "replay": """\
   slipctl replay run7.csv --with hst_braking:eppfc.ctl.filter \\
       --map omega='WheelSpeed_1[km/h] / r' T_b='BrakeTorque[kN m]' --out out/run7
   slipctl replay run7.csv --with "v = omega*r where omega [rad/s], r = 0.43 m" \\
       --map omega=Axle_1 --beside v=GPS_speed[km/h] --out out/run7
-"""
-
-COMPARE = """\
+""",
+    "compare": """\
   slipctl run hst_braking --loop eppfc --out out/a
   slipctl run hst_braking --loop eppfc --set ctl.law.K1=50 --out out/b
   slipctl compare out/a out/b
-"""
-
-COPY = """\
-  slipctl copy double_exponential my_law.py
-  slipctl run subway_braking --swap adh=my_law.py:double_exponential
-"""
-
-SCHEMA = """\
-  slipctl schema > slipctl.schema.json
-"""
-
-FIT = """\
+""",
+    "fit": """\
   slipctl fit curve.csv --law burckhardt --out fit
   slipctl fit curve.csv --law polach --set Q=106.7kN v=10m/s --out fit
   slipctl fit coast.csv --law coasting --map v=Speed[km/h] --set m=38t rho=6.6% --out fit
   slipctl fit steps.csv --law brake_step --map 'T_cmd=Command[%]*T_max' T=Torque[kNm] \\
       --set T_max=8kNm --delay T_cmd --out fit
-"""
-
-C = """\
+""",
+    "c": """\
   slipctl c subway_braking:sta --out c_sta --check
   slipctl c metro.toml:pid --real float --target cortex-m4 --out c_pid
-"""
-
-PIL = """\
+""",
+    "pil": """\
   slipctl pil subway_braking:sta --seconds 0.5
   slipctl pil metro.toml:pid --real float --fault 20=lost
-"""
-
-CERTIFY = """\
+""",
+    "certify": """\
   slipctl certify super_twisting --set k1=1.5 k2=1.1 L=1 --out sta.json
   slipctl certify subway_braking:sta
   slipctl certify subway_braking:sta --set m=9t ctl.law.k1=30
   slipctl certify subway_braking:sta --map k1=2:30,k2=2:30 --out map
   slipctl certify reaching_law --set g1=36 g2=12 T=.001 D=2 band=.1 --largest lag --out ends
-"""
-
-CHECK = """\
+""",
+    "check": """\
   slipctl check sta.json
   slipctl check out/sta/certificate.json --rerun 3
-"""
-
-DOCS = """\
+""",
+    "docs": """\
   slipctl docs
   slipctl docs sweeps --where
-"""
-
-OF_COMMAND = {
-    "list": LIST, "show": SHOW, "new": NEW, "open": OPEN, "schema": SCHEMA, "copy": COPY,
-    "run": RUN, "sweep": SWEEP, "tune": TUNE, "replay": REPLAY, "compare": COMPARE, "fit": FIT,
-    "c": C, "pil": PIL, "certify": CERTIFY, "check": CHECK, "docs": DOCS,
-}  # fmt: skip
+""",
+}
 """Text below the options of each command."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,13 @@ import numpy as np
 from slipctl import __version__, registry
 from slipctl.block.block import Block
 from slipctl.block.reach import measured_reach
+from slipctl.block.signals import Signal
 from slipctl.block.text.meanings import is_equation
+from slipctl.commands.replay import pairs
 from slipctl.draw import plots
 from slipctl.errors import BadInput
 from slipctl.estimate.curve_fit import Fitted, fit
+from slipctl.estimate.log_fit.record import FittedOverTime
 from slipctl.run import store
 from slipctl.run.logs.recorded_log import csv_of
 from slipctl.study import resolve
@@ -25,6 +28,8 @@ from slipctl.study.report.texts import number, wrap_table
 log = logging.getLogger("slipctl")
 
 MODEL = "fitted.py"
+
+PAIR = "NAME=VALUE, such as Q=106.7kN"
 
 
 def answer(options: argparse.Namespace, command: str) -> int:
@@ -66,21 +71,18 @@ def run(
     """
     folder = Path(out)
     store.check_folder(folder)
-    at = dict(_pair("--set", text) for text in settings)
     found = fit(
         base,
         find_curve(curve),
         [n.strip() for n in unknown.split(",")] if unknown is not None else None,
-        dict(_pair("--start", text) for text in starts),
-        at=at,
-        columns=dict(_pair("--map", text) for text in columns),
+        pairs("--start", starts, PAIR),
+        at=pairs("--set", settings, PAIR),
+        columns=pairs("--map", columns, PAIR),
         ordered=ordered,
         decimal=decimal,
     )
-    for note in found.notes:
-        log.warning("%s", note)
-    for doubt in found.doubts:
-        log.warning("%s", doubt)
+    for line in (*found.notes, *found.doubts):
+        log.warning("%s", line)
     store.write_json(folder / "fit.json", payload(found, law, command))
     store.write_text(folder / MODEL, model_text(found, base, law, command))
     store.write_text(folder / "residuals.csv", residuals_text(found))
@@ -94,28 +96,11 @@ def find_curve(name: str) -> Path:
     return shipped if not Path(name).exists() and shipped.is_file() else Path(name)
 
 
-def _pair(option: str, text: str) -> tuple[str, str]:
-    name, equals, value = (part.strip() for part in text.partition("="))
-    if not equals or not name or not value:
-        raise BadInput(f"{option} {text!r}: write NAME=VALUE, such as Q=106.7kN")
-    return name, value
-
-
 def payload(found: Fitted, law: str, command: str) -> dict[str, Any]:
     """Content of ``fit.json``, but for its format."""
     base, curve = found.law, found.curve
     units = {n: base.params[n].unit for n in found.values}
-    return {
-        "parameters": {
-            n: {"value": v, "unit": units[n], "std": found.std[n]} for n, v in found.values.items()
-        },
-        "max_error": found.max_error,
-        "rms": found.rms,
-        "output": curve.output,
-        "unit": base.outputs[curve.output].unit,
-        "points": int(curve.measured.size),
-        "interval_95": {n: list(v) if v else None for n, v in found.interval.items()},
-        "correlation": {f"{a}, {b}": r for (a, b), r in found.correlation.items()},
+    return numbers_of_fit(found, units, base.outputs[curve.output], curve.measured.size) | {
         "tied": found.tied,
         "doubts": list(found.doubts),
         "law": law,
@@ -136,6 +121,24 @@ def payload(found: Fitted, law: str, command: str) -> dict[str, Any]:
     }
 
 
+def numbers_of_fit(
+    found: Fitted | FittedOverTime, units: Mapping[str, str], output: Signal, points: int
+) -> dict[str, Any]:
+    """What was found of a law and of a flow alike, as ``fit.json`` has it."""
+    return {
+        "parameters": {
+            n: {"value": v, "unit": units[n], "std": found.std[n]} for n, v in found.values.items()
+        },
+        "max_error": found.max_error,
+        "rms": found.rms,
+        "output": output.name,
+        "unit": output.unit,
+        "points": int(points),
+        "interval_95": {n: list(v) if v else None for n, v in found.interval.items()},
+        "correlation": {f"{a}, {b}": r for (a, b), r in found.correlation.items()},
+    }
+
+
 def model_text(found: Fitted, base: Block, name: str, command: str) -> str:
     """Source of a model file with the fitted law, as ``law``."""
     left, colon, right = name.rpartition(":")
@@ -149,7 +152,8 @@ def model_text(found: Fitted, base: Block, name: str, command: str) -> str:
         module, _, block = name.rpartition(".")
         module = module or next(m for m, (_, b) in resolve.models().items() if block in b)
         needed = f"{registry.package_name('models')}.{module} import {block}"
-        origin = block + ("" if isinstance(_object(module, block), Block) else "()")
+        made = getattr(registry.module("models", module), block)
+        origin = block + ("" if isinstance(made, Block) else "()")
     rows = []
     for n, v in found.law.params.items():
         if v.derived:
@@ -176,10 +180,6 @@ def model_text(found: Fitted, base: Block, name: str, command: str) -> str:
         f"law = law.with_source({source!r}, {', '.join(repr(n) for n in found.values)})",
         *([f"law = with_reach(law, {reach!r})"] if reach else []), "",
     ])  # fmt: skip
-
-
-def _object(module: str, block: str) -> Any:
-    return getattr(registry.module("models", module), block)
 
 
 def residuals_text(found: Fitted) -> str:

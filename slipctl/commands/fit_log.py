@@ -14,6 +14,7 @@ import numpy as np
 from slipctl import __version__, registry
 from slipctl.block.block import Block
 from slipctl.block.units.unit_algebra import parse_quantity
+from slipctl.commands.fit import numbers_of_fit
 from slipctl.commands.replay import pairs
 from slipctl.draw import plots
 from slipctl.errors import BadInput, Faults
@@ -21,7 +22,7 @@ from slipctl.estimate.curve import quantity
 from slipctl.estimate.log_fit.flow_fit import fit_over_time
 from slipctl.estimate.log_fit.record import DEAD, FittedOverTime, Record, origin
 from slipctl.run import store
-from slipctl.run.logs.log_signals import Source, good_samples, of_inputs, of_results, resample_at
+from slipctl.run.logs.log_signals import good_samples, of_inputs, of_results, resample_at
 from slipctl.run.logs.recorded_log import Recording, csv_of, read_recording
 from slipctl.study import resolve
 from slipctl.study.report.texts import number, wrap_table
@@ -42,7 +43,7 @@ def run(options: argparse.Namespace, block: Block, command: str) -> str:
     store.check_folder(folder)
     block, at, constants = _settled(block, pairs("--set", options.settings))
     mapped = pairs("--map", options.mapped)
-    result, columns = _measured(block, mapped)
+    result = _measured(block, mapped)
     gap = parse_quantity(options.gap, "s", "--gap") if options.gap else None
     records, notes, done, rule = [], [], [], options.resample or "hold"
     for file in options.curve:
@@ -52,7 +53,7 @@ def run(options: argparse.Namespace, block: Block, command: str) -> str:
         )
         if options.between:
             recording = recording.between(*_ends(options.between))
-        result, record = _record(block, recording, result, columns, constants, rule)
+        result, record = _record(block, recording, result, mapped, constants, rule)
         records.append(record)
         notes += [n for n in recording.notes if n not in notes]
         done += recording.table.done
@@ -106,15 +107,15 @@ def _settled(
     return new, at, constants
 
 
-def _measured(block: Block, mapped: Mapping[str, str]) -> tuple[str, dict[str, str]]:
-    """The state or output that was measured, empty if none is mapped; and the other mappings."""
+def _measured(block: Block, mapped: Mapping[str, str]) -> str:
+    """The state or output that was measured, empty if none is mapped."""
     for n in mapped:
         block.find(n, "input", "state", "output")
     results = [n for n in mapped if n in {**block.states, **block.outputs}]
     if len(results) > 1:
         raise BadInput(f"--map names {' and '.join(results)}; one of them is fitted, leave out the"
                        " others")  # fmt: skip
-    return (results[0] if results else ""), dict(mapped)
+    return results[0] if results else ""
 
 
 def _ends(text: str) -> tuple[float, float]:
@@ -155,20 +156,14 @@ def _record(
     for n, source in inputs.items():
         t, x = good_samples(block, recording, n, source, values, rule, recording.notes)
         every[n] = resample_at(t, x, recording.time, rule)
-    y = _values(recording, measured[result])
+    y = measured[result].values(recording)  # NaN where nothing was measured
+    recording.notes += [f"{column}: {int(empty.sum())} empty cells left out"
+                        for column, empty in measured[result].empty(recording).items()]  # fmt: skip
     begins = np.flatnonzero(np.diff(recording.time) > recording.gap) + 1
     if begins.size:
         many = "1 gap" if begins.size == 1 else f"{begins.size} gaps"
         recording.notes.append(f"{many}; each stretch has a start of its own")
     return result, Record(recording.source, recording.time, every, y, tuple(map(int, begins)))
-
-
-def _values(recording: Recording, source: Source) -> np.ndarray:
-    """Samples of what was measured, NaN where nothing was."""
-    y = source.values(recording)
-    recording.notes += [f"{column}: {int(empty.sum())} empty cells left out"
-                        for column, empty in source.empty(recording).items()]  # fmt: skip
-    return y
 
 
 def keys_of(law: str) -> tuple[dict[str, str], dict[str, float]]:
@@ -202,16 +197,8 @@ def keys_text(found: FittedOverTime, keys: Mapping[str, str], steps: Mapping[str
 def payload(found: FittedOverTime, law: str, notes: Sequence[str], command: str) -> dict[str, Any]:
     """Content of ``fit.json``, but for its format."""
     measured = {**found.flow.states, **found.flow.outputs}[found.output]
-    return {
-        "parameters": {n: {"value": v, "unit": found.unit(n), "std": found.std[n]}
-                       for n, v in found.values.items()},
-        "max_error": found.max_error,
-        "rms": found.rms,
-        "output": found.output,
-        "unit": measured.unit,
-        "points": int(found.residuals.size),
-        "interval_95": {n: list(v) for n, v in found.interval.items()},
-        "correlation": {f"{a}, {b}": r for (a, b), r in found.correlation.items()},
+    units = {n: found.unit(n) for n in found.values}
+    return numbers_of_fit(found, units, measured, found.residuals.size) | {
         "samples_alike": found.alike,
         "starts": list(found.starts),
         "delayed": found.delayed,

@@ -19,8 +19,7 @@ from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.run.logs.recorded_log import csv_of, read_recording
 from slipctl.run.logs.replay import Replayed, replay
-from slipctl.study.report.page_style import STYLE, html_page
-from slipctl.study.report.report_page import figure, table
+from slipctl.study.report.page_style import STYLE, figure, html_page, table
 from slipctl.study.report.texts import number, wrap_table
 from slipctl.study.request import Request
 
@@ -89,8 +88,8 @@ def load_part(name: str) -> Block:
     return asked.block
 
 
-def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
-    """Names and what stands behind their ``=``.
+def pairs(option: str, texts: Sequence[str], example: str = "") -> dict[str, str]:
+    """Names and what stands behind their ``=``, which is written as in the example.
 
     Raises:
         BadInput: none of both, or a name that stands twice.
@@ -99,8 +98,8 @@ def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     for text_ in texts:
         name, equals, value = (part.strip() for part in text_.partition("="))
         if not equals or not name or not value:
-            example = "omega=WheelSpeed_1[km/h]" if option != "--set" else "T_b=0"
-            raise BadInput(f"{option} {text_!r}: write NAME=..., such as {example}")
+            usual = "omega=WheelSpeed_1[km/h]" if option != "--set" else "T_b=0"
+            raise BadInput(f"{option} {text_!r}: write {example or f'NAME=..., such as {usual}'}")
         if name in found:
             raise BadInput(f"{option} names {name} twice; write it once")
         found[name] = value

@@ -14,7 +14,7 @@ import logging
 import shutil
 import sys
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -27,9 +27,10 @@ from slipctl.run.results import Results
 from slipctl.run.store import FolderLock
 from slipctl.study import case_setup, claim_scope, execution
 from slipctl.study.cache import Keep, key_of
-from slipctl.study.failure_log import note_failure
+from slipctl.study.failures import note_failure
 from slipctl.study.files import results_folder
 from slipctl.study.jobs import Cores
+from slipctl.study.report import report_page
 from slipctl.study.report.remarks import answer_line, estimator_remarks, warnings_of_runs
 from slipctl.study.report.texts import changes, claim_line, claim_table, left_to_full, metric_table
 from slipctl.study.request import Request
@@ -63,7 +64,7 @@ def answer(options: argparse.Namespace, command: str) -> int:
     )  # fmt: skip
     changed = case_setup.in_words(options.swaps, options.settings)
     left += [n for n in study.experiments if n not in experiments and keep.tables(n) is None]
-    results = execution.new_results(study, cases, options.quick, changed, () if chosen else left)
+    results = Results(study, cases, options.quick, changed=changed, left=() if chosen else left)
     out.mkdir(parents=True, exist_ok=True)
     with FolderLock(out), Cores(options.jobs) as cores:
         return _Run(options, command, results, models, keep, cores, experiments).answer()
@@ -110,12 +111,8 @@ class _Run:
             self.progress.end()
             self._tell(self._headline())
             self._metrics()
-            self._save(
-                "report.html",
-                lambda: results_folder.save_pages(
-                    results, judged, out, self.command, self.cores, sections
-                ),
-            )
+            with note_failure(results, "report.html"):
+                results_folder.save_pages(results, judged, out, self.command, self.cores, sections)
             verdicts = judged()
         except KeyboardInterrupt:
             interrupts.note_interrupt()
@@ -193,21 +190,17 @@ class _Run:
 
     def _metrics(self, state: str = "") -> None:
         results, out = self.results, self.keep.out
-        self._save(
-            "metrics.json", lambda: results_folder.save_metrics(results, out, self.command, state)
-        )
-        self._save("tables.json", lambda: results_folder.save_tables(results, out, self.command))
+        with note_failure(results, "metrics.json"):
+            results_folder.save_metrics(results, out, self.command, state)
+        with note_failure(results, "tables.json"):
+            results_folder.save_tables(results, out, self.command)
 
     def _claims(self, state: str = "") -> list[Verdict]:
         results, o = self.results, self.options
         changed = claim_scope.changes(results, o.settings, o.swaps, self.models)
         verdicts = execution.judge_all(results, changed)
-        self._save(
-            "claims.json",
-            lambda: results_folder.save_claims(
-                results, verdicts, self.keep.out, self.command, state
-            ),
-        )
+        with note_failure(results, "claims.json"):
+            results_folder.save_claims(results, verdicts, self.keep.out, self.command, state)
         return verdicts
 
     def _stopped(self) -> None:
@@ -216,18 +209,10 @@ class _Run:
         self.keep.clear_parts()
         self._found_tables()
         self._metrics(STOPPED)
-        verdicts = self._claims(STOPPED)
-        state = f"This run was {STOPPED}."
-        self._save(
-            "report.html",
-            lambda: results_folder.save_stopped(
-                self.results, verdicts, self.keep.out, self.command, state
-            ),
-        )
-
-    def _save(self, what: str, write: Callable[[], Any]) -> None:
-        with note_failure(self.results, what):
-            write()
+        verdicts, state = self._claims(STOPPED), f"This run was {STOPPED}."
+        with note_failure(self.results, "report.html"):  # what was measured, without figures
+            text = report_page.page(self.results, verdicts, {}, self.command, {}, state)
+            store.write_text(self.keep.out / "report.html", text)
 
     def _json(self) -> str:
         """Metrics and claims as their files have them, and where the report is."""

@@ -8,6 +8,7 @@ import logging
 import math
 import sys
 from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,21 +50,30 @@ def answer(options: argparse.Namespace, command: str) -> int:
     if not options.out:
         raise BadInput("--out names no folder; write one")
     asked, case, together = _asked(options)
-    loops = list(case.loops)
+    study, loops = asked.study, list(case.loops)
     if together and options.export:
         raise BadInput("--export writes one loop; name it, STUDY:LOOP")
     out = Path(options.out)
     places = {n: out / n if together else out for n in loops}
     # all of them are checked before the first one runs
-    worlds = {n: None if options.varied else _world(asked.study, case, n, options) for n in loops}
+    worlds = {n: None if options.varied else _world(study, case, n, options) for n in loops}
     world = worlds[loops[0]]
     _refuse_overruled(asked, case, world.ensemble.draw if world else options.varied)
     progress = Progress(len(loops), sys.stderr, options.quiet)
     found: dict[str, Sweep] = {}
     try:
         for name in loops:
-            found[name] = _sweep(options, command, asked, case, name, places[name], worlds[name],
-                                 progress)  # fmt: skip
+            about = {"loop": f"{study.name}:{name}", "set": list(asked.settings),
+                     "swapped": list(asked.swaps), "command": command,
+                     "limits": dict(study.limits)}  # fmt: skip
+            found[name] = sweep(
+                case.loops[name], case.scenario, options.varied, places[name],
+                samples=options.samples, seed=options.seed, design=options.design,
+                signals=study.signals, known=case.known, logs=options.logs, jobs=options.jobs,
+                compile=not options.no_compile, progress=partial(progress, f"sweep of {name}"),
+                about=about, world=worlds[name], scheduler=options.scheduler or "",
+                mixed=options.mixed,
+            )  # fmt: skip
     finally:
         progress.end()
     if options.samples > 1 and not found[loops[0]].plan.drawn:
@@ -95,30 +105,13 @@ def _refuse_overruled(asked: Request, case: Case, varied: Iterable[str]) -> None
     for text in asked.settings:
         setting = case_setup.Setting.read(text)
         for name, loop in case.loops.items():
-            given = {number_at(loop, n) for n in setting.matches(loop)}
+            given = {number_at(loop, n) for n in targets(loop, setting.name)}
             for one in (v.partition("=")[0].strip() for v in varied):
                 drawn = {number_at(loop, n) for n in targets(loop, one)}
                 if given and given <= drawn and setting.loop in ("", name):
                     raise BadInput(
                         f"--set {text}: the sweep varies {one}, so it has no effect; leave one out"
                     )
-
-
-def _sweep(
-    options: argparse.Namespace, command: str, asked: Request, case: Case, name: str, out: Path,
-    world: World | None, progress: Progress,
-) -> Sweep:  # fmt: skip
-    """Run what is missing of one loop."""
-    study = asked.study
-    return sweep(
-        case.loops[name], case.scenario, options.varied, out,
-        samples=options.samples, seed=options.seed, design=options.design,
-        signals=study.signals, known=case.known, logs=options.logs, jobs=options.jobs,
-        compile=not options.no_compile, progress=lambda share: progress(f"sweep of {name}", share),
-        about={"loop": f"{study.name}:{name}", "set": list(asked.settings),
-               "swapped": list(asked.swaps), "command": command, "limits": dict(study.limits)},
-        world=world, scheduler=options.scheduler or "", mixed=options.mixed,
-    )  # fmt: skip
 
 
 def _tell_together(

@@ -10,7 +10,7 @@ from pathlib import Path
 from slipctl.commands.progress import Progress
 from slipctl.design import gain_files, page
 from slipctl.design.promises import promises_of_loop
-from slipctl.design.tune import Stopped, Tuned, tune
+from slipctl.design.tune import Stopped, tune
 from slipctl.draw import plots
 from slipctl.errors import BadInput
 from slipctl.run import interrupts, store
@@ -52,13 +52,13 @@ def answer(options: argparse.Namespace, command: str) -> int:
                    "swapped": list(asked.swaps), "command": command},
         )  # fmt: skip
     except Stopped as stopped:
-        write_gains(stopped.best, out, command)
+        store.write_text(out / "gains.toml", gain_files.gains_text(stopped.best, command))
         raise KeyboardInterrupt(
             f"{out / 'gains.toml'} has the best so far; the same line goes on; {interrupts.KEPT}"
         ) from None
     finally:
         progress.end()
-    write_gains(found, out, command)
+    store.write_text(out / "gains.toml", gain_files.gains_text(found, command))
     certified = bool(found.promises.gains) or found.statement is not None
     if certified:
         said = gain_files.certificate_of(found, command, asked.settings, asked.swaps)
@@ -75,11 +75,6 @@ def answer(options: argparse.Namespace, command: str) -> int:
              *(["front.json", "front.svg"] if found.front else []), "report.html"]  # fmt: skip
     print("\n" + "\n".join(str(out / n) for n in names))
     return 0
-
-
-def write_gains(found: Tuned, out: Path, command: str) -> None:
-    """Write ``gains.toml``."""
-    store.write_text(out / "gains.toml", gain_files.gains_text(found, command))
 
 
 def _world_of(options: argparse.Namespace) -> tuple[Request, Ensemble]:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slipctl import __version__
-from slipctl.block.units.number_ranges import read_range
+from slipctl.block.units.unit_algebra import read_range
 from slipctl.certify import proofs
 from slipctl.certify.promise import CERTIFIED, REFUTED, UNDECIDED, System, exact_numbers
 from slipctl.design.gain_points import Asked

@@ -16,8 +16,7 @@ from slipctl.design.gain_search import TRAINING
 from slipctl.design.judgement import CLOSE, Judged, Slice
 from slipctl.design.tune import Tuned
 from slipctl.draw import distributions, looks, plots
-from slipctl.study.report.page_style import html_page
-from slipctl.study.report.report_page import image, table
+from slipctl.study.report.page_style import html_page, image, table
 from slipctl.study.report.texts import number, number_or_never, with_unit, wrap_table
 
 Rows = list[list[str]]

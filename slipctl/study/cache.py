@@ -18,6 +18,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import casadi
 import numpy as np
 
 from slipctl import __version__
@@ -63,13 +64,11 @@ class Keep:
         import xarray
 
         path = self.out / "logs" / scenario / f"{loop}.nc"
-        if not path.exists() or not path.with_suffix(".csv").exists():
+        own = _attribute(path, "key") == self.of(scenario, loop)
+        if not own or not path.with_suffix(".csv").exists():
             return None
         try:
-            with xarray.open_dataset(path, engine="netcdf4") as data:
-                if data.attrs.get("key") != self.of(scenario, loop):
-                    return None
-                found = data.load()
+            found = xarray.load_dataset(path, engine="netcdf4")
         except (OSError, ValueError, KeyError, RuntimeError):
             return None  # damaged: it runs again
         changes = np.atleast_1d(found.attrs.get("rail_changes_s", []))
@@ -106,13 +105,13 @@ class Keep:
     def _table_file(self, experiment: str) -> Path:
         return self.parts / f"{experiment}.{self.of(experiment)}.json"
 
-    def clear(self, wanted: Mapping[str, Iterable[str]] | None = None) -> None:
+    def clear(self, wanted: Mapping[str, Iterable[str]]) -> None:
         """Remove what belongs to another run, and what a killed one left half written.
 
         Only a folder that holds a run of ours is touched, and there only what a run writes.
 
         Args:
-            wanted: loops by scenario whose logs may stay; None lets all of this key stay.
+            wanted: loops by scenario whose logs may stay.
         """
         self.clear_parts()
         try:
@@ -121,11 +120,9 @@ class Keep:
         except BadInput:
             return
         stay = self.logs()
-        if wanted is not None:
-            stay = {s: [n for n in names if n in wanted.get(s, ())] for s, names in stay.items()}
         for path in (self.out / "logs").glob("*/*"):
-            other = path.stem not in stay.get(path.parent.name, ())
-            if path.suffix in (".nc", ".csv") and other:
+            kept, asked = (names.get(path.parent.name, ()) for names in (stay, wanted))
+            if path.suffix in (".nc", ".csv") and not (path.stem in kept and path.stem in asked):
                 path.unlink(missing_ok=True)
         for folder in (self.out / "logs").glob("*/"):
             if not any(folder.iterdir()):
@@ -155,8 +152,6 @@ def _attribute(path: Path, name: str) -> Any:
 
 def key_of(study: Any, *, quick: bool, settings: Sequence[str], swaps: Sequence[str]) -> str:
     """Hash of everything that the results of a study depend on, but their own names."""
-    import casadi
-
     what = {
         "study": study.name, "quick": quick, "settings": list(settings), "swaps": list(swaps),
         "slipctl": __version__, "casadi": casadi.CasadiMeta.version(), "numpy": np.__version__,

@@ -52,14 +52,6 @@ class Setting:
             )
         return cls(loop.strip(), name.strip(), value.strip())
 
-    def matches(self, loop: Block) -> list[str]:
-        """Full names of the parameters and start values that are meant.
-
-        Raises:
-            BadInput: more than one, without a ``*``; only some places of a shared number.
-        """
-        return targets(loop, self.name)
-
 
 def open_gain_files(settings: Sequence[str]) -> list[str]:
     """Settings with each file of gains in place of its name.
@@ -247,7 +239,7 @@ def _set(study: Study, cases: list[Case], settings: Sequence[Setting]) -> list[C
             for name, loop in case.loops.items():
                 if s.loop not in ("", name):
                     continue
-                meant = s.matches(loop)
+                meant = targets(loop, s.name)
                 by_rail = {n for group in rail_values(loop, case.scenario) for n in group}
                 free = [t for t in meant if t not in by_rail]
                 if len(free) < len(meant) and not overruled:

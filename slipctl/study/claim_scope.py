@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from slipctl.block.block import Block
+from slipctl.block.shared_numbers import targets
 from slipctl.run.results import Results
 from slipctl.study.case_setup import Setting
 from slipctl.study.declaration import Claim
@@ -45,7 +46,8 @@ def changes(
         loop, found = case.loops[name], []
         for s in read:
             if s.loop in ("", name):
-                found += [(n, n in loop.states or n.startswith(prefix)) for n in s.matches(loop)]
+                meant = targets(loop, s.name)
+                found += [(n, n in loop.states or n.startswith(prefix)) for n in meant]
         for model, parts in names.items():
             where = [path for path, leaf in loop.leaves() if not parts or leaf.name in parts]
             if where:

@@ -38,12 +38,12 @@ from slipctl.run.metrics import METRICS
 from slipctl.run.results import Case, NotRun, Results, Table
 from slipctl.run.roles import Signals
 from slipctl.run.store import plain, read_json, write_json
+from slipctl.study.jobs import Cores, run_jobs
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
     from slipctl.run.rail import Scenario
     from slipctl.run.sweep.ensemble import Ensemble
-    from slipctl.study.jobs import Cores
 
 Item = TypeVar("Item")
 
@@ -111,7 +111,6 @@ class Context:
         Returns:
             What ``work`` gave for each item, in their order, as JSON has it (NaN is None).
         """
-        from slipctl.study.jobs import Cores, run_jobs
 
         def job(item: Item) -> Callable[[Any], Any]:
             what = {"part": name, "item": item, "key": self.key}

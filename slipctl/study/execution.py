@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import casadi as ca
 
+from slipctl.draw import plots
 from slipctl.run import build
 from slipctl.run.metrics import (
     AGAINST_OTHERS,
@@ -27,8 +27,8 @@ from slipctl.run.results import Case, Results, Table, known_column
 from slipctl.run.simulation import simulate
 from slipctl.study.cache import Keep
 from slipctl.study.declaration import OPEN, Claim, Context, Study
-from slipctl.study.failure_log import note_failure
-from slipctl.study.failures import reason
+from slipctl.study.failures import note_failure, reason
+from slipctl.study.files import results_folder
 from slipctl.study.jobs import Cores, Job, Outcome, run_jobs
 from slipctl.study.provenance import EXPERIMENT_SEED
 from slipctl.study.verdicts import Verdict, judge
@@ -79,12 +79,16 @@ def run(
         beside: further jobs, after the runs of the first case; nothing is reported of them.
         take: given the outcome of each of them.
     """
-    results = new_results(study, cases, quick) if results is None else results
+    results = Results(study, cases, quick) if results is None else results
     given = study.models if models is None else models
     cores = cores or Cores(1)
     jobs: dict[str, Job[Any]] = {}
     others = beside or {}
-    tell = _without(others, report)
+
+    def tell(what: str, share: float) -> None:
+        if report is not None and what not in others:
+            report(what, share)
+
     # what a report needs first comes first; the experiments take longest; a core that is free at
     # the end takes the other runs, which are short
     wanted = experiments if not isinstance(experiments, bool) else study.experiments
@@ -99,7 +103,8 @@ def run(
     if jobs:
         load_logs()
     try:
-        with closing(run_jobs(jobs, cores, tell, partial(_load, study))) as outcomes:
+        meanwhile = plots.load if study.figures else lambda: None  # what the figures need
+        with closing(run_jobs(jobs, cores, tell, meanwhile)) as outcomes:
             for what, outcome in outcomes:
                 if what in others:
                     take(what, outcome)
@@ -124,16 +129,6 @@ def run(
         results.tables = dict(sorted(results.tables.items(), key=lambda item: order[item[0]]))
         results.failed = _as_in(results.failed, [*runs, *results.failed])
     return results
-
-
-def _without(names: Container[str], report: Report | None) -> Report:
-    """A report that tells nothing of some names."""
-
-    def tell(what: str, share: float) -> None:
-        if report is not None and what not in names:
-            report(what, share)
-
-    return tell
 
 
 def _add_runs(
@@ -176,14 +171,6 @@ def load_logs() -> None:
     xarray.Dataset({"x": ("time", [0.0])}, coords={"time": [0.0]})  # imports what it needs itself
 
 
-def _load(study: Study) -> None:
-    """Import what the figures need, while other processes compute."""
-    if study.figures:
-        from slipctl.draw import plots
-
-        plots.load()
-
-
 @dataclass(frozen=True)
 class _Ran:
     """What the run of a loop gives: its log, metrics, and files that wait for their names.
@@ -203,8 +190,6 @@ def _loop_job(
     """Make the job that simulates one loop in its scenario, measures it and writes its log."""
 
     def job(tell: Callable[[float], None]) -> _Ran:
-        from slipctl.study.files import results_folder
-
         scenario, signals = case.scenario.name, results.study.signals
         data = keep.log(scenario, name) if keep is not None else None
         found = data is not None
@@ -244,8 +229,6 @@ def _simulated(
 
 def _take(results: Results, case: Case, name: str, ran: _Ran) -> None:
     """Put what a run gave into the results, and its files into the folder."""
-    from slipctl.study.files import results_folder
-
     scenario = case.scenario.name
     results.data.setdefault(scenario, {})[name] = ran.data
     results.metrics.setdefault(scenario, {})[name] = ran.metrics
@@ -294,17 +277,6 @@ def _experiment_job(
         return {name: given} if isinstance(given, Table) else dict(given)
 
     return job
-
-
-def new_results(
-    study: Study,
-    cases: Sequence[Case],
-    quick: bool = False,
-    changed: str = "",
-    left: Sequence[str] = (),
-) -> Results:
-    """Make results to be filled by :func:`run`; ``changed`` is from :func:`in_words`."""
-    return Results(study, cases, quick, changed=changed, left=left)
 
 
 def _as_in(found: dict[str, T], order: Iterable[str]) -> dict[str, T]:

@@ -1,14 +1,20 @@
-"""What breaks, said in one line with its place."""
+"""What breaks, said in one line with its place, and noted, so that the rest goes on."""
 
 from __future__ import annotations
 
 import inspect
+import logging
 import os
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
 from slipctl.errors import BadInput, RunFailed
+from slipctl.run.results import LeftToFull, NotRun, Results
+
+log = logging.getLogger("slipctl")
 
 
 def blame(error: BaseException) -> NoReturn:
@@ -54,3 +60,21 @@ def short(file: str) -> str:
     except ValueError:  # another drive
         return file
     return file if relative.startswith("..") else relative
+
+
+@contextmanager
+def note_failure(results: Results, what: str, left: list[str] | None = None) -> Iterator[None]:
+    """Note what breaks, so that the rest goes on and nothing computed is lost.
+
+    What asks for what was not run is told, in ``left`` if that is given.
+    """
+    try:
+        yield
+    except LeftToFull:
+        log.debug("%s is left to --full", what)
+    except NotRun as missing:
+        told = f"{what} is left out: {missing}"
+        (log.info if left is None else left.append)(told)
+    except Exception as error:
+        results.failed[what] = reason(error)
+        log.debug("%s", what, exc_info=True)

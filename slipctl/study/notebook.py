@@ -15,6 +15,7 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.certify.certificate import Certificate
+from slipctl.draw import plots
 from slipctl.draw.looks import pretty
 from slipctl.estimate.curve_fit import Fitted
 from slipctl.estimate.log_fit.record import FittedOverTime
@@ -23,7 +24,8 @@ from slipctl.run.results import Loops
 from slipctl.run.sweep.spread import quantiles
 from slipctl.run.sweep.sweep_runs import Sweep
 from slipctl.study.declaration import Study
-from slipctl.study.report.report_page import equations, image, table
+from slipctl.study.report.page_style import image, table
+from slipctl.study.report.report_page import equations
 from slipctl.study.report.texts import number, number_or_never
 
 ROWS = 20
@@ -76,8 +78,6 @@ def _block(block: Block) -> str:
 
 def _curve(block: Block) -> str:
     """Picture of an adhesion law over its slip."""
-    from slipctl.draw import plots
-
     slip = next(iter(block.inputs.values()), None)
     ready = all(s.value is not None for s in list(block.inputs.values())[1:])
     if slip is None or slip.per is None or block.kind != "law" or not ready:
@@ -138,12 +138,14 @@ def _fitted(found: Fitted) -> str:
             n, number(v), pretty(found.law.params[n].unit),
             "at a bound" if ends is None else f"{number(ends[0])} to {number(ends[1])}",
         ))  # fmt: skip
+    table = _rows(("parameter", "value", "unit", "95 % interval"), rows, (1,))
+    return _fit(found, found.law.name, table)
+
+
+def _fit(found: Fitted | FittedOverTime, name: str, table: str) -> str:
     said = f"rms of the residuals {number(found.rms)}, largest {number(found.max_error)}"
-    return (
-        _head(found.law.name, said)
-        + _rows(("parameter", "value", "unit", "95 % interval"), rows, (1,))
-        + "".join(f"<p>{escape(line)}</p>" for line in found.doubts)
-    )
+    doubts = "".join(f"<p>{escape(line)}</p>" for line in found.doubts)
+    return _head(name, said) + table + doubts
 
 
 @html.register
@@ -153,12 +155,8 @@ def _fitted_over_time(found: FittedOverTime) -> str:
          "{} to {}".format(*map(number, found.interval[n])))
         for n, v in found.values.items()
     ]  # fmt: skip
-    said = f"rms of the residuals {number(found.rms)}, largest {number(found.max_error)}"
-    return (
-        _head(found.flow.name, said)
-        + _rows(("parameter", "value", "std", "unit", "95 % interval"), rows, (1, 2))
-        + "".join(f"<p>{escape(line)}</p>" for line in found.doubts)
-    )
+    table = _rows(("parameter", "value", "std", "unit", "95 % interval"), rows, (1, 2))
+    return _fit(found, found.flow.name, table)
 
 
 @html.register

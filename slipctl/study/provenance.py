@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import casadi
 import numpy as np
 
 from slipctl import __version__
@@ -20,8 +21,6 @@ FROM_A_FILE = ", sha256 "
 
 def provenance(results: Results, command: str) -> dict[str, Any]:
     """What every file says of where it comes from."""
-    import casadi
-
     parameters: dict[str, Any] = {}
     for case in results.cases:
         for name, loop in case.loops.items():

@@ -10,17 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from slipctl.block.block import Block
 from slipctl.errors import BadInput
+from slipctl.run.results import Case
 from slipctl.study import case_setup, resolve
-from slipctl.study.failures import blame
+from slipctl.study.declaration import Study
 from slipctl.study.files import trip_files
-
-if TYPE_CHECKING:
-    from slipctl.block.block import Block
-    from slipctl.run.results import Case
-    from slipctl.study.declaration import Study
 
 
 @dataclass(frozen=True)
@@ -102,10 +99,7 @@ class Request:
     @cached_property
     def cases(self) -> list[Case]:
         """Cases of the study, with the swaps done; nothing is set in them."""
-        try:
-            return list(self.study.cases(self.models, self.quick))
-        except Exception as error:
-            blame(error)
+        return resolve.build_cases(self.study, self.quick, self.models)
 
     @cached_property
     def case(self) -> Case:
@@ -154,6 +148,7 @@ class Request:
         if self.loop:
             return self
         if self.home or self.name.endswith((".py", ".toml")):
-            raise resolve.no_loop(self.name, self.study)
+            loops = ", ".join(f"{self.name}:{n}" for n in resolve.loop_names(self.study))
+            raise BadInput(f"{self.name} is a study; write which loop: {loops}")
         resolve.load_block(self.name)  # says what it is not
         raise BadInput(f"{self.name} is no loop; write STUDY:LOOP")

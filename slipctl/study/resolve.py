@@ -10,7 +10,7 @@ import importlib.util
 import inspect
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
@@ -72,14 +72,9 @@ def studies() -> dict[str, str]:
 
 
 def _assigns(tree: ast.Module) -> bool:
-    names = {t.id for n in tree.body if isinstance(n, ast.Assign) for t in n.targets
-             if isinstance(t, ast.Name)}  # fmt: skip
-    names |= {
-        n.target.id
-        for n in tree.body
-        if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)
-    }
-    return "study" in names or not tree.body
+    targets = [t for n in tree.body if isinstance(n, ast.Assign) for t in n.targets]
+    targets += [n.target for n in tree.body if isinstance(n, ast.AnnAssign)]
+    return not tree.body or any(isinstance(t, ast.Name) and t.id == "study" for t in targets)
 
 
 def models() -> dict[str, tuple[str, dict[str, str]]]:
@@ -336,14 +331,16 @@ def find_block(module: ModuleType, name: str, where: str) -> Block:
     return block
 
 
-def build_cases(study: Study, quick: bool = False) -> list[Case]:
-    """Cases of a study, unchanged.
+def build_cases(
+    study: Study, quick: bool = False, models: Mapping[str, Any] | None = None
+) -> list[Case]:
+    """Cases of a study, of its own models or of others.
 
     Raises:
         BadInput: they cannot be built.
     """
     try:
-        return list(study.cases(study.models, quick))
+        return list(study.cases(study.models if models is None else models, quick))
     except Exception as error:
         blame(error)
 
@@ -377,12 +374,6 @@ def pick_loop(study: Study, cases: Sequence[Case], name: str) -> tuple[Block, Ca
 def loop_names(study: Study) -> list[str]:
     """Names of the loops of a study."""
     return list(dict.fromkeys(n for case in build_cases(study) for n in case.loops))
-
-
-def no_loop(name: str, study: Study) -> BadInput:
-    """What to say where a study was named, and one of its loops is needed."""
-    loops = ", ".join(f"{name}:{n}" for n in loop_names(study))
-    return BadInput(f"{name} is a study; write which loop: {loops}")
 
 
 def model_source(name: str) -> tuple[str, str, str]:

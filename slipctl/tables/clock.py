@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import date
 from fractions import Fraction
 from itertools import pairwise
@@ -31,8 +31,6 @@ _DATES: dict[str, tuple[re.Pattern[str], tuple[str, ...]]] = {
     "name": (re.compile(r"(\d{1,2})([-. ]+)([^\W\d_]{3,9})[-., ]+(\d{4}|\d{2})"), ("dmy",)),
     "name first": (re.compile(r"([^\W\d_]{3,9})([-. ]+)(\d{1,2}),? +(\d{4})"), ("mdy",)),
 }
-
-Seconds = Callable[[str], Fraction]
 
 
 def _clock(text: str) -> tuple[Fraction, int] | None:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from slipctl.block.units.unit_algebra import says_what_counts, unit
+from slipctl.block.units.unit_algebra import read_unit, says_what_counts, unit
 from slipctl.errors import BadInput
 from slipctl.tables.heads import is_offset, is_unit, other_unit_in_name, unit_in_name
 from slipctl.tables.table import Table
@@ -102,7 +102,7 @@ def unit_of_column(table: Table, column: str, told: str, wanted: str, notes: lis
         unit(told)
     if head and not is_unit(head):
         if not told or is_offset(head):
-            _refuse_unknown(where, head)
+            read_unit(where, head)
         notes.append(
             f"{column} is read in {told}, as --map says; the unit {head!r} in its head is not known"
         )
@@ -127,10 +127,3 @@ def unit_of_column(table: Table, column: str, told: str, wanted: str, notes: lis
             f" the unit behind its name, {column}[{wanted}], or convert it by an expression"
         )
     return first
-
-
-def _refuse_unknown(where: str, head: str) -> None:
-    try:
-        unit(head)
-    except BadInput as error:
-        raise BadInput(f"{where}: {error}") from None

@@ -62,13 +62,9 @@ DATES = ("date", "datum", "day", "tag", "fecha", "data", "calendardate")
 """Names of a column of dates beside one of clock times."""
 
 
-@lru_cache(maxsize=1024)
 def is_unit(text: str) -> bool:
     """Whether a text is a unit that is known; - is none at all."""
-    try:
-        return bool(text) and unit(text) is not None
-    except BadInput:
-        return False
+    return bool(text) and not _why(text)
 
 
 def is_offset(text: str) -> bool:
@@ -76,7 +72,9 @@ def is_offset(text: str) -> bool:
     return "offset" in _why(text)
 
 
+@lru_cache(maxsize=1024)
 def _why(text: str) -> str:
+    """Why a text is no unit; empty where it is one."""
     try:
         unit(text)
     except BadInput as error:

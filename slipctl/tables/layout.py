@@ -96,15 +96,12 @@ def text_of(path: Path) -> tuple[str, str]:
     try:
         text = raw.decode(coding) if coding else "\0"
     except UnicodeDecodeError:
-        text, coding = ("\0", "") if coding != "utf-8-sig" else (_western(raw), "cp1252")
+        western = raw.decode("cp1252", errors="replace")
+        text, coding = (western, "cp1252") if coding == "utf-8-sig" else ("\0", "")
     if "\0" in text or raw[:4] == b"PK\x03\x04":  # a workbook
         raise BadInput(f"{path} is no text; save it as CSV, a head and a row per sample")
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     return text, "utf-8" if coding == "utf-8-sig" else coding
-
-
-def _western(raw: bytes) -> str:
-    return raw.decode("cp1252", errors="replace")
 
 
 def layout_of(path: Path) -> Layout:
@@ -169,10 +166,6 @@ def _comment(line: str) -> bool:
     return line.lstrip().startswith("#") and not _ERROR.match(line)
 
 
-def _may_be_unit(text: str) -> bool:
-    return is_unit(text) or is_offset(text)
-
-
 _is_plain = re.compile(r"[+-]?[0-9]+(?:[.,][0-9]+)?").fullmatch
 """Whether a cell is a number, said quickly."""
 
@@ -184,7 +177,8 @@ def _kind(cells: Sequence[str]) -> str:
         return "data"
     if len(some) > 1 and not all(is_empty(c) for c in some):
         return "head"
-    if len(some) == 1 and len(cells) > 1 and _may_be_unit(some[0].strip("[]() ")):
+    only = some[0].strip("[]() ") if len(some) == 1 and len(cells) > 1 else ""
+    if is_unit(only) or is_offset(only):
         return "head"  # a row of one unit
     return "gap" if all(is_empty(c) for c in cells) and len(cells) > 1 else ""
 
@@ -263,7 +257,8 @@ def _of_rows(path: Path, mark: str, tables: _Tables) -> Layout:
     if end < len(rows):
         notes.append(_left_out(path, "line", "behind the table", rows[end:]))
     body = [r for k, r in enumerate(rows[stop:end], stop) if k not in skipped]
-    if not any(units) and len(body) > 2 and _is_unit_row_with_ones(body[0][1], head):
+    ones = len(body) > 2 and all(c == "1" for c in body[0][1] if is_number(c))
+    if ones and not any(units) and is_unit_row(body[0][1], head):  # 1 is a unit and a number
         units, body = body[0][1], body[1:]
     done = [f"{path}: head in line {at}" + (f" behind {at - 1} other lines" if at > 1 else "")
             + (", units in a row of their own" if any(units) else "")]  # fmt: skip
@@ -283,11 +278,6 @@ def _head_of(group: Sequence[Row]) -> tuple[int, list[str], list[str]]:
         if len(above[1]) == len(cells) and is_unit_row(above[1], cells):
             return line, cells, above[1]
     return line, cells, []
-
-
-def _is_unit_row_with_ones(cells: Sequence[str], head: Sequence[str]) -> bool:
-    """Whether a row of units has a 1 in it, which is a number too."""
-    return is_unit_row(cells, head) and all(c == "1" for c in cells if is_number(c))
 
 
 def _check_split(path: Path, rows: Sequence[Row]) -> None:
@@ -315,9 +305,7 @@ def _fit_rows(path: Path, layout: Layout) -> None:
     for line, cells in layout.rows:
         beyond = [c for c in cells[width:] if c]
         if beyond:
-            comma = (
-                "; a decimal comma between commas? Part cells by ;" if layout.mark == "," else ""
-            )
+            comma = COMMAS if layout.mark == "," else ""
             raise BadInput(f"{path}, line {line} has {len(cells)} cells, its head {width}:"
                            f" {beyond[0][:20]!r} is beyond it{comma}")  # fmt: skip
     if layout.mark == ",":

@@ -107,7 +107,9 @@ class Column:
     @property
     def open(self) -> str:
         """The mark that may be a decimal or a thousands mark; empty where all is decided."""
-        return "" if self._same(self.readings) else _mark(self.readings, self.firsts)
+        marks = [m for m in ".," if any(m in s for s in self.firsts)]
+        decimals = {tuple(d in s for s in self.firsts) for d, _ in self.readings}
+        return marks[0] if marks and len(decimals) > 1 else ""
 
     @property
     def decimal(self) -> str:
@@ -117,21 +119,12 @@ class Column:
         d = self.readings[0][0]
         return d if any(d in s for s in self.firsts) else ""
 
-    def _same(self, readings: Sequence[tuple[str, str]]) -> bool:
-        decimals = {tuple(d in s for s in self.firsts) for d, _ in readings}
-        return len(decimals) < 2
-
     def values(self, reading: tuple[str, str]) -> np.ndarray:
         """Numbers, NaN where nothing was measured."""
         found = [np.nan if c is None else _value(c, reading) for c in self.cells]
         numbers = np.array(found, dtype=float)
         numbers[np.isinf(numbers)] = np.nan
         return numbers
-
-
-def _mark(readings: Sequence[tuple[str, str]], shapes: Collection[str]) -> str:
-    marks = [m for m in ".," if any(m in s for s in shapes)]
-    return marks[0] if marks and len(readings) > 1 else ""
 
 
 def column_of(cells: Sequence[str]) -> Column:

@@ -13,7 +13,7 @@ from slipctl.block.units.unit_algebra import unit
 from slipctl.errors import BadInput, nearest
 from slipctl.tables import numerals
 from slipctl.tables.heads import is_unit, name_and_unit, time_in_name
-from slipctl.tables.layout import Row, layout_of
+from slipctl.tables.layout import layout_of
 from slipctl.tables.order import first_of, many_rows
 
 LARGEST = 1e100
@@ -68,11 +68,6 @@ class Table:
         """Names of the columns that were read."""
         return list(self.cells)
 
-    @property
-    def rows(self) -> list[Row]:
-        """Line and cells of each row."""
-        return [(n, list(c)) for n, *c in zip(self.lines, *self.cells.values(), strict=True)]
-
     def find(self, name: str) -> str:
         """Name of a column, given as it is written in the file or in other letters.
 
@@ -116,7 +111,8 @@ class Table:
         column = self.column(name)
         reading = None
         if column.wrong is None and column.clash is None:
-            marks = self._decimals(name) if column.open else set()
+            others = [n for n, c in self.cells.items() if n != name and c.dtype == object]
+            marks = {self.column(n).decimal for n in others if column.open} - {""}
             said = self.units[name] or (time_in_name(name) or (0, ""))[1]
             reading = numerals.marks_of_column(column, self.decimal, marks, self.mark, said)
         where = f"{self.path}: {name}"
@@ -161,11 +157,6 @@ class Table:
             f"{name}: {many_rows(lone.size, 'value')} far from the values before and after,"
             f" {x[lone[0]]:g} ({at}); where it marks a missing value, empty the cell"
         )
-
-    def _decimals(self, name: str) -> set[str]:
-        """Decimal marks of the other columns that are decided."""
-        return {self.column(n).decimal for n, c in self.cells.items()
-                if n != name and c.dtype == object} - {""}  # fmt: skip
 
     def _tell(self, name: str, column: numerals.Column, reading: tuple[str, str]) -> None:
         decimal, group = reading

@@ -10,14 +10,7 @@ import numpy as np
 from slipctl.block.units.unit_algebra import dimension_equal, factor, unit
 from slipctl.errors import BadInput
 from slipctl.tables import clock
-from slipctl.tables.heads import (
-    DATES,
-    is_time_unit,
-    is_unit,
-    name_and_unit,
-    time_in_name,
-    words,
-)
+from slipctl.tables.heads import DATES, is_time_unit, is_unit, name_and_unit, time_in_name, words
 from slipctl.tables.numerals import is_empty, is_number
 from slipctl.tables.order import continuous_clock
 from slipctl.tables.table import Table

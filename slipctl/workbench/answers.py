@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from slipctl.errors import BadInput, Faults, RunFailed
 from slipctl.study.failures import blame
+from slipctl.workbench.command_lines import command_words, found_gains, replayed_curves, run_command
 from slipctl.workbench.curves import curves_of_run, frame
-from slipctl.workbench.desk import Desk, Rig, command_of
-from slipctl.workbench.findings import metric_rows, warnings_of_rig
+from slipctl.workbench.desk import Desk, Rig, numbers_in_words, words_of_run
+from slipctl.workbench.effects import difference_rows, ensemble_rows, exact_slopes
+from slipctl.workbench.findings import metric_rows, signals_at, warnings_of_rig
 from slipctl.workbench.questions import COMMANDS, KINDS
-from slipctl.workbench.safety.certificates import certificates_of_rig, gains_by_name
+from slipctl.workbench.saved_files import save_desk
 from slipctl.workbench.sliders import check_numbers
+from slipctl.workbench.texts import completions, faults_of_text, with_value
 
-# what a question alone needs is imported there: the first page does not wait for it
+# what is heavy and one question alone needs is imported there: the first page does not wait
 
 EVERY = 0.08
 """Seconds from one part of a curve to the next, while a run goes on."""
@@ -35,13 +41,15 @@ class Answers:
 
     Attributes:
         kinds: questions that it answers. without: why it does not answer the others.
+        stopped: said of a command that was stopped. folder: files are written there alone.
     """
 
     kinds: tuple[str, ...] = KINDS
     without = ""
+    stopped = "stopped; the same command goes on"
 
     def __init__(self, desk: Desk) -> None:
-        self.desk = desk
+        self.desk, self.folder = desk, desk.folder
 
     def begin(self, request: Request) -> Iterator[bytes]:
         """Begin to answer a question; what is wrong with it is told as faults, in lines.
@@ -88,8 +96,6 @@ class Answers:
 
     def model(self, request: Request) -> Iterator[Head]:
         """What is open: loops, sliders, limits, certificates; of a faulty file its text alone."""
-        from slipctl.workbench.texts import faults_of_text
-
         desk, text = self.desk, self._text(request)
         try:
             study, loops = desk.study(text), desk.loops(text)
@@ -107,24 +113,20 @@ class Answers:
         yield {
             "end": True, "home": desk.home, "title": study.title, "doc": study.doc,
             "text": text, "loops": loops, "loop": desk.loop, "scenario": desk.scenario,
-            "sliders": [s.told() for s in rig.sliders], "limits": dict(study.limits),
-            "certificates": certificates_of_rig(rig), "controller": study.controller,
+            "sliders": [asdict(s) for s in rig.sliders], "limits": dict(study.limits),
+            "certificates": rig.certificates(), "controller": study.controller,
             "ensemble": desk.scenario in study.ensembles, "tick": rig.loop.period,
             "folder": str(desk.folder),
         }  # fmt: skip
 
     def text(self, request: Request) -> Iterator[Head]:
         """Faults of a text, each with its line."""
-        from slipctl.workbench.texts import faults_of_text
-
         text = self._text(request)
         found = [] if text is None else faults_of_text(self.desk.home, text)
         yield {"end": True, "found": found}
 
     def complete(self, request: Request) -> Iterator[Head]:
         """What may stand on a line."""
-        from slipctl.workbench.texts import completions
-
         text, line = self._text(request), request.get("line")
         if text is None or not isinstance(line, int):
             raise BadInput("a completion needs a text and a line")
@@ -132,8 +134,6 @@ class Answers:
 
     def edit(self, request: Request) -> Iterator[Head]:
         """Text with another value at a key."""
-        from slipctl.workbench.texts import with_value
-
         text, keys, value = self._text(request), request.get("keys"), request.get("value")
         path = tuple(k for k in keys if isinstance(k, str)) if isinstance(keys, list) else ()
         if text is None or not path or not isinstance(value, str):
@@ -167,8 +167,9 @@ class Answers:
         spent = time.perf_counter() - begun
         yield frame({**who, "share": 1.0, "compiled": compiled, "seconds": spent},
                     curves_of_run(seen, rig.case.known))  # fmt: skip
+        words = words_of_run(self.desk, self.desk.loop, numbers_in_words(numbers, rig.sliders))
         yield {"end": True, "metrics": metric_rows(measured.metrics(rolled), rig.study.limits),
-               "command": command_of(self.desk, numbers, rig.sliders)}  # fmt: skip
+               "command": shlex.join(["slipctl", *words])}  # fmt: skip
 
     def doubts(self, request: Request) -> Iterator[bytes | Head]:
         """What gives reason to doubt the run, in words; it is rolled again and watched."""
@@ -182,8 +183,6 @@ class Answers:
 
     def signals(self, request: Request) -> Iterator[Head]:
         """Every signal of the loop at a time of the run."""
-        from slipctl.workbench.signals import signals_at
-
         rig, at = self._rig(request), request.get("time")
         if not isinstance(at, int | float) or isinstance(at, bool):
             raise BadInput("signals are asked for at a time in s")
@@ -214,28 +213,28 @@ class Answers:
 
     def verdict(self, request: Request) -> Iterator[Head]:
         """Certificate of the loop with the numbers as they are."""
-        from slipctl.workbench.safety.gain_regions import verdict_of_gains
+        from slipctl.workbench.safety import verdict_of_gains
 
         rig = self._rig(request)
-        gains = gains_by_name(rig, str(request.get("name") or ""))
+        gains = rig.gains_by_name(str(request.get("name") or ""))
         yield {"end": True, "verdict": verdict_of_gains(rig, gains, self._moved(request, rig))}
 
     def worst(self, request: Request) -> Iterator[bytes | Head]:
         """Run of the certificate's equations against their worst disturbance."""
-        from slipctl.workbench.safety.worst_runs import worst_run
+        from slipctl.workbench.safety import worst_run
 
         rig = self._rig(request)
-        gains = gains_by_name(rig, str(request.get("name") or ""))
+        gains = rig.gains_by_name(str(request.get("name") or ""))
         curves, lines = worst_run(rig, gains, self._moved(request, rig))
         who = {"kind": "worst", "id": request.get("id", 0), "loop": gains.name}
         yield frame({**who, "end": True, "said": lines}, curves)
 
     def region(self, request: Request) -> Iterator[Head | bytes]:
         """Where two gains are certified, refuted or undecided, row by row."""
-        from slipctl.workbench.safety.gain_regions import region_rows
+        from slipctl.workbench.safety import region_rows
 
         rig = self._rig(request)
-        gains = gains_by_name(rig, str(request.get("name") or ""))
+        gains = rig.gains_by_name(str(request.get("name") or ""))
         axes = request.get("axes")
         pair = tuple(map(str, axes)) if isinstance(axes, list) and len(axes) == 2 else None
         for row in region_rows(rig, gains, self._moved(request, rig), pair):  # type: ignore[arg-type]
@@ -244,8 +243,6 @@ class Answers:
 
     def effects(self, request: Request) -> Iterator[Head]:
         """What each gain of the law, and each number that was moved, does to the metrics."""
-        from slipctl.workbench.effects import difference_rows, exact_slopes
-
         rig = self._rig(request)
         numbers = self._moved(request, rig)
         chosen = [s for s in rig.sliders if s.group == "law" or s.name in numbers][:12]
@@ -261,8 +258,6 @@ class Answers:
 
     def draws(self, request: Request) -> Iterator[Head]:
         """A small ensemble with the numbers as they are, run by run."""
-        from slipctl.workbench.ensembles import ensemble_rows
-
         rig = self._rig(request)
         for row in ensemble_rows(rig, self._moved(request, rig)):
             yield {"ensemble": row}
@@ -278,8 +273,6 @@ class Answers:
 
     def save(self, request: Request) -> Iterator[Head]:
         """Write the file, with the numbers that were moved."""
-        from slipctl.workbench.saved_files import save_desk
-
         rig = self._rig(request)
         name = request.get("name") or ""
         if not isinstance(name, str) or len(name) > 200:
@@ -289,32 +282,33 @@ class Answers:
 
     def command(self, request: Request) -> Iterator[bytes | Head]:
         """Report, search, sweep or replay of what is saved, as the command line does it."""
-        from slipctl.workbench import command_lines
-
         asked = str(request.get("command"))
         if asked == "stop":  # a newer question has ended the older one
-            yield {"end": True, "command": asked, "said": "stopped; the same command goes on"}
+            yield {"end": True, "command": asked, "said": self.stopped}
             return
+        words, out = self._words(asked, request)
+        said: Head = {}
+        for said in run_command(words):
+            yield {"command": asked, **said} if "progress" in said else b""
+        if asked in ("tune", "replay") and said["code"]:
+            raise BadInput(said["said"].strip().rpartition("\n")[2] or f"{asked} failed")
+        if asked == "replay":
+            who = {"kind": "command", "id": 0, "loop": "replay", "share": 1.0}
+            yield frame(who, replayed_curves(out))
+        sliders = self._rig(request).sliders if asked == "tune" else []
+        gains = found_gains(out, sliders) if asked == "tune" else {}
+        report = out.relative_to(self.folder) / "report.html"
+        yield {"end": True, "command": asked, "said": said["said"], "line": said["command"],
+               "gains": gains, "file": str(report)}  # fmt: skip
+
+    def _words(self, asked: str, request: Request) -> tuple[list[str], Path]:
+        """Words of a command behind ``slipctl``, and the folder that it writes."""
         if asked not in COMMANDS:
             raise BadInput(f"there is no command {asked[:40]!r}; {', '.join(COMMANDS)}")
         rig = self._rig(request)
         if self._text(request) != self.desk.saved():
             raise BadInput(f"save the text first; {asked} takes the file")
-        words, out = command_lines.command_words(
-            asked, self.desk, rig, self._moved(request, rig), request
-        )
-        said: Head = {}
-        for said in command_lines.run_command(words):
-            yield {"command": asked, **said} if "progress" in said else b""
-        if asked == "replay":
-            yield from command_lines.told_replay(said, out, self.desk.folder)
-            return
-        if asked == "tune" and said["code"]:
-            raise BadInput(said["said"].strip().rpartition("\n")[2] or f"{asked} failed")
-        gains = command_lines.found_gains(out, rig.sliders) if asked == "tune" else {}
-        report = out.relative_to(self.desk.folder) / "report.html"
-        yield {"end": True, "command": asked, "said": said["said"], "line": said["command"],
-               "gains": gains, "file": str(report)}  # fmt: skip
+        return command_words(asked, self.desk, rig, self._moved(request, rig), request)
 
 
 def fault_lines(error: BaseException) -> list[str]:

@@ -5,14 +5,12 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from slipctl.block.transforms.discretisation import runs_of_part
 from slipctl.ccode import codegen
 from slipctl.run import build
-
-if TYPE_CHECKING:
-    from slipctl.workbench.desk import Rig
+from slipctl.workbench.desk import Rig
 
 TICKS = 2000
 """Ticks that the C is replayed for, against Python."""

@@ -17,7 +17,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,12 +25,9 @@ from slipctl.block.units.unit_algebra import parse_quantity
 from slipctl.errors import BadInput
 from slipctl.study.case_setup import Setting, open_gain_files
 from slipctl.tables.table import named_columns
-from slipctl.workbench.curves import Curves, Panel, Series, frame
-from slipctl.workbench.desk import numbers_in_words
-
-if TYPE_CHECKING:
-    from slipctl.workbench.desk import Desk, Rig
-    from slipctl.workbench.sliders import Slider
+from slipctl.workbench.curves import Curves, Panel, Series
+from slipctl.workbench.desk import Desk, Rig, numbers_in_words, words_of_run
+from slipctl.workbench.sliders import Slider
 
 LINES = 12
 """Texts of a question at most: ranges, columns."""
@@ -64,23 +61,21 @@ def command_words(
     out = desk.within(f"out/{plain}_{kind}", "")
     moved = numbers_in_words(numbers, rig.sliders)
     if kind == "report":
-        words = ["run", desk.home, "--loop", rig.name]
-        words += ["--scenario", desk.scenario] if desk.scenario else []
-    elif kind == "replay":
+        return [*words_of_run(desk, rig.name, moved), "--out", str(out)], out
+    if kind == "replay":
         log = desk.within(word(request, "log", "the name of a log in the folder"), "")
         part = word(request, "part", "a part of the loop, such as ctl")
         return words_of_replay(log, f"{desk.home}:{rig.name}.{part}", out, request)
-    else:
-        ranges = _texts(request, "ranges")
-        if not ranges and kind == "tune":
-            raise BadInput("a search needs a number with its range, such as ctl.law.K=5:50")
-        words = [kind, f"{desk.home}:{rig.name}{where}", "--samples", str(_draws(request))]
-        words += [{"tune": "--free", "sweep": "--vary"}[kind], *ranges] if ranges else []
-        if kind == "sweep":  # a slider of what is varied says nothing
-            varied = {r.partition("=")[0].strip() for r in ranges}
-            moved = [n for n in moved if n.partition("=")[0] not in varied]
-        if kind == "tune":
-            words += ["--minimise", word(request, "metric", "a metric")]
+    ranges = _texts(request, "ranges")
+    if not ranges and kind == "tune":
+        raise BadInput("a search needs a number with its range, such as ctl.law.K=5:50")
+    words = [kind, f"{desk.home}:{rig.name}{where}", "--samples", str(_draws(request))]
+    words += [{"tune": "--free", "sweep": "--vary"}[kind], *ranges] if ranges else []
+    if kind == "sweep":  # a slider of what is varied says nothing
+        varied = {r.partition("=")[0].strip() for r in ranges}
+        moved = [n for n in moved if n.partition("=")[0] not in varied]
+    if kind == "tune":
+        words += ["--minimise", word(request, "metric", "a metric")]
     return [*words, *(["--set", *moved] if moved else []), "--out", str(out)], out
 
 
@@ -93,22 +88,6 @@ def words_of_replay(
         given = _texts(request, key)
         words += [option, *given] if given else []
     return [*words, "--out", str(out)], out
-
-
-def told_replay(
-    said: Mapping[str, Any], out: Path, folder: Path
-) -> Iterator[bytes | dict[str, Any]]:
-    """Curves of a replay that has ended, and what it printed.
-
-    Raises:
-        BadInput: it failed.
-    """
-    if said["code"]:
-        raise BadInput(said["said"].strip().rpartition("\n")[2] or "replay failed")
-    who = {"kind": "command", "id": 0, "loop": "replay", "share": 1.0}
-    yield frame(who, replayed_curves(out))
-    yield {"end": True, "command": "replay", "said": said["said"], "line": said["command"],
-           "gains": {}, "file": str((out / "report.html").relative_to(folder))}  # fmt: skip
 
 
 def word(request: Mapping[str, Any], key: str, what: str) -> str:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from slipctl.block.units.unit_algebra import display_scale
 
 if TYPE_CHECKING:
     from slipctl.run.metrics import Run
@@ -100,8 +103,6 @@ def _speeds(run: Run) -> Panel | None:
 
 def _pairs(run: Run) -> Iterator[Panel]:
     """What is reached, what is wanted, and what would be best."""
-    from slipctl.block.units.unit_algebra import display_scale
-
     for name, rows in (
         ("slip", (("slip", "slip", "main"), ("best_slip", "best", "best"),
                   ("reference", "wanted", "wanted"))),
@@ -191,6 +192,11 @@ def frame(head: dict[str, Any], curves: Curves | None = None, stretches: int = C
     text += b" " * (-len(text) % 4)
     body = b"".join(np.asarray(c, dtype="<f4").tobytes() for c in columns)
     return struct.pack("<I", len(text)) + text + body
+
+
+def finite(value: float | None) -> float | None:
+    """A number as JSON has it; None where it is NaN, infinite or not there."""
+    return float(value) if value is not None and math.isfinite(value) else None
 
 
 def _plain(value: Any) -> Any:

@@ -8,19 +8,17 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from slipctl.block.block import Block
 from slipctl.errors import BadInput
+from slipctl.run.results import Case
 from slipctl.run.sweep.sweep_runs import Measured
 from slipctl.study import resolve
+from slipctl.study.declaration import Gains, Study
 from slipctl.study.files import trip_files
 from slipctl.study.request import Request
 from slipctl.workbench.sliders import Slider, sliders_of_loop
-
-if TYPE_CHECKING:
-    from slipctl.block.block import Block
-    from slipctl.run.results import Case
-    from slipctl.study.declaration import Gains, Study
 
 KEPT = 4
 """Loops that stay ready to run, the last ones."""
@@ -95,6 +93,25 @@ class Rig:
         """What the study asks a certificate of, of this loop."""
         here = {self.name, f"{self.name}@{self.case.scenario.name}"}
         return [g for g in self.study.certificates.gains if g.loop in here]
+
+    def certificates(self) -> dict[str, Any]:
+        """Which certificates can be asked for, or why there is none."""
+        why = self.study.certificates.uncertified.get(self.name, "")
+        if not self.gains and not why:
+            why = "the study declares no gains of this loop to certify"
+        return {"names": [g.name for g in self.gains], "why": why}
+
+    def gains_by_name(self, name: str = "") -> Gains:
+        """What is asked of a certificate by its name; of the first one without.
+
+        Raises:
+            BadInput: there is none; says why.
+        """
+        found = next((g for g in self.gains if name in ("", g.name)), None)
+        if found is None:
+            raise BadInput(f"{self.name} has no certificate{f' {name!r}' if name else ''}:"
+                           f" {self.certificates()['why'] or 'choose another'}")  # fmt: skip
+        return found
 
 
 class Desk:
@@ -217,11 +234,8 @@ def numbers_in_words(numbers: Mapping[str, float], sliders: Sequence[Slider]) ->
     ]
 
 
-def command_of(desk: Desk, numbers: Mapping[str, float], sliders: Sequence[Slider]) -> str:
-    """Command line that repeats what the page shows."""
-    import shlex
-
-    words: list[Any] = ["slipctl", "run", desk.home, "--loop", desk.loop]
+def words_of_run(desk: Desk, loop: str, moved: Sequence[str]) -> list[str]:
+    """Words behind ``slipctl`` of a run with numbers that were moved, as ``--set`` takes them."""
+    words = ["run", desk.home, "--loop", loop]
     words += ["--scenario", desk.scenario] if desk.scenario else []
-    words += ["--set", *numbers_in_words(numbers, sliders)] if numbers else []
-    return shlex.join(words)
+    return [*words, *(["--set", *moved] if moved else [])]

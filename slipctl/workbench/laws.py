@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from slipctl.analysis.optimum import Peak, argmax, highest_peak, objective_functions
+from slipctl.block.block import Block
 from slipctl.block.reach import reach_text, slip_input
 from slipctl.draw import mathml, show
 from slipctl.draw.diagrams import diagram
@@ -18,10 +18,8 @@ from slipctl.errors import BadInput, RunFailed
 from slipctl.run.logs.replay import part_of
 from slipctl.study import resolve
 from slipctl.study.files import declared_parts, trip_files
-
-if TYPE_CHECKING:
-    from slipctl.block.block import Block
-    from slipctl.workbench.desk import Desk, Rig
+from slipctl.workbench.curves import finite
+from slipctl.workbench.desk import Desk, Rig
 
 UPTO = {"ratio": 0.5, "speed": 5.0}
 """How far a curve goes, by what its slip is: the ratio, or m/s."""
@@ -97,7 +95,7 @@ def law_view(law: Block) -> dict[str, Any]:
     return {
         "name": law.name, "doc": law.doc.partition("\n")[0], "equations": equations_of_block(law),
         "slip": slip, "unit": signal.unit, "upto": shown, "reach": reach_text(law),
-        "measured_to": _end(reach.measured_to), "meant_to": _end(reach.meant_to),
+        "measured_to": finite(reach.measured_to), "meant_to": finite(reach.meant_to),
         "curves": [_curve(law, slip, shown, n, v) for n, v in conditions.items()],
     }  # fmt: skip
 
@@ -115,7 +113,7 @@ def _curve(
         ca.DM(0, at.size), ca.DM(np.array(columns)), ca.repmat(p, 1, at.size))[1]
     ).full())  # fmt: skip
     heights = y[list(law.outputs).index(out)]
-    known = [float(v) if math.isfinite(v) else None for v in heights]
+    known = [finite(v) for v in heights]
     found: dict[str, Any] = {"name": name, "x": at.tolist(), "y": known}
     given = {**{n: v for n, v in rest.items() if n != slip}, **values}
     try:
@@ -141,10 +139,6 @@ def _peak(
     turned = [ca.Function(f.name(), [x, q], [-e for e in f.call([x, q])]) for f in (value, slope)]
     found = highest_peak(law.name, turned[0], turned[1], p, 0.0, upto)
     return found._replace(value=-found.value)
-
-
-def _end(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def block_view(loop: Block, path: str) -> dict[str, Any]:

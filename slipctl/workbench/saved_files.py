@@ -5,20 +5,18 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from slipctl.block.block import Block
 from slipctl.errors import BadInput
 from slipctl.run import store
 from slipctl.study.files import loop_files, trip_files
 from slipctl.study.request import Request
+from slipctl.workbench.desk import Desk
+from slipctl.workbench.sliders import Slider
 from slipctl.workbench.texts import keys_with_number, with_value
-
-if TYPE_CHECKING:
-    from slipctl.block.block import Block
-    from slipctl.workbench.desk import Desk
-    from slipctl.workbench.sliders import Slider
 
 
 def text_with_numbers(

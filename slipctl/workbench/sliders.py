@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from slipctl.block.shared_numbers import targets
+from slipctl.block.block import Block
 from slipctl.errors import BadInput
+from slipctl.run.rail import Scenario
 from slipctl.run.scenario_inputs import loop_at_start, rail_values
-
-if TYPE_CHECKING:
-    from slipctl.block.block import Block
-    from slipctl.run.rail import Scenario
+from slipctl.study.files.loop_files import ruled_numbers
+from slipctl.workbench.curves import finite
 
 FACTOR = 5.0
 """How far a slider goes from the default, to either side, where its declared range is wider."""
-
-WIDE = 100.0
-"""Ratio of the ends from which on a slider goes by ratio."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +43,6 @@ class Slider:
     source: str
     group: str
 
-    def told(self) -> dict[str, Any]:
-        """As plain data."""
-        return asdict(self)
-
 
 def sliders_of_loop(loop: Block, scenario: Scenario, controller: str = "ctl") -> list[Slider]:
     """Numbers of a loop that stand for themselves and have an effect, the law's first.
@@ -59,10 +51,7 @@ def sliders_of_loop(loop: Block, scenario: Scenario, controller: str = "ctl") ->
     """
     begun = loop_at_start(loop, scenario)
     ruled = {n for group in rail_values(begun, scenario) for n in group}
-    ruled |= {n for values in loop.conditions.values() for n in values}
-    for section in scenario.rail.sections if scenario.rail else ():
-        for name in section.values:
-            ruled.update(targets(loop, name, ("input", "param")))
+    ruled |= ruled_numbers(loop, scenario)
     values, found = begun.param_values(), []
     for name, s in loop.params.items():
         free = not (s.derived or isinstance(s.value, str) or s.value is None or s.values)
@@ -71,7 +60,7 @@ def sliders_of_loop(loop: Block, scenario: Scenario, controller: str = "ctl") ->
         value = float(np.asarray(values[name]))
         left, right, by_ratio = ends_of_slider(value, float(s.lo), float(s.hi))
         found.append(Slider(
-            name, value, s.unit, _end(s.lo), _end(s.hi), left, right, by_ratio,
+            name, value, s.unit, finite(s.lo), finite(s.hi), left, right, by_ratio,
             " ".join(s.doc.split()), s.source, _group(loop, name, controller),
         ))  # fmt: skip
     order = {"law": 0, "vehicle and rail": 1, "controller": 2}
@@ -132,7 +121,3 @@ def _group(loop: Block, name: str, controller: str) -> str:
     if name.startswith(law) and "." not in name.removeprefix(law):
         return "law"
     return "controller" if name.startswith(f"{controller}.") else "vehicle and rail"
-
-
-def _end(value: Any) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -56,7 +56,10 @@ def completions(text: str, line: int) -> list[dict[str, str]]:
     before, here = lines[: line - 1], lines[line - 1]
     path, present = _table_at(before)
     if here.lstrip().startswith("["):
-        return [{"insert": f"[{'.'.join(p)}]", "meaning": doc} for p, doc in _tables(_root(text))]
+        root = _root(text)
+        tables = [f for f in fields(root) if any(map(is_dataclass, options(hints(root)[f.name])))]
+        return [{"insert": f"[{f.name}]", "meaning": str(f.metadata.get("doc", ""))}
+                for f in tables]  # fmt: skip
     part, classes, kind = _part_at(_root(text), path, _readable(text, before))
     if part is None:
         return []
@@ -92,17 +95,6 @@ def _table_at(before: list[str]) -> tuple[list[str], set[str]]:
         elif found := re.match(r"\s*([\w.-]+)\s*=", row):
             present.add(found[1])
     return path, present
-
-
-def _tables(root: Any, path: tuple[str, ...] = ()) -> list[tuple[tuple[str, ...], str]]:
-    """Tables that a part may have, each with its meaning."""
-    found = []
-    for f in fields(root):
-        for c in options(hints(root)[f.name]):
-            if is_dataclass(c):
-                found.append(((*path, f.name), str(f.metadata.get("doc", ""))))
-                break
-    return found
 
 
 def _part_at(root: Any, path: list[str], content: Any) -> tuple[Any, list[Any], str]:

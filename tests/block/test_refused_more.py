@@ -10,8 +10,7 @@ from slipctl import BadInput, Input, Output, Param, State, connect, flow, from_t
 from slipctl.block.signals import real_array
 from slipctl.block.text import equations, expression
 from slipctl.block.transforms.distance import over_distance
-from slipctl.block.units.number_ranges import read_range
-from slipctl.block.units.unit_algebra import parse_quantity
+from slipctl.block.units.unit_algebra import parse_quantity, read_range
 from slipctl.errors import Faults
 
 

@@ -16,12 +16,12 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+import xarray
 
 from slipctl.commands.cli import main
 from slipctl.models.vehicle.parts import Valve
 from slipctl.run import store
 from slipctl.study import resolve
-from slipctl.study.files import results_folder
 
 TESTS = Path(__file__).parents[1]
 TOY = str(TESTS / "toy_study.py")
@@ -149,7 +149,7 @@ def test_set_and_swap_take_several_or_are_repeated(capsys: pytest.CaptureFixture
     assert f'<h2 id="claims">Claims</h2>{note}' in page
     assert page.index(note) < page.index("<nav>")
     assert not Path("out/toy/tables.json").exists()  # experiments belong to the whole study
-    data = results_folder.read_log(Path("out/toy/logs/base/soft.nc"))
+    data = xarray.load_dataset(Path("out/toy/logs/base/soft.nc"))
     assert data["plant.adh.mu"].values[-1] == pytest.approx(0.2 * data["plant.car.s"].values[-1])
 
 
@@ -261,7 +261,7 @@ study = replace(toy.study, experiments={"slow": Experiment("Slow", slow)})
     got = store.read_json(Path("out/toy/metrics.json"))
     assert list(got["scenarios"]["base"]) == ["soft", "hard"]
     for log in Path("out/toy/logs").rglob("*.nc"):
-        assert results_folder.read_log(log).attrs["quick"] == 1
+        assert xarray.load_dataset(log).attrs["quick"] == 1
     assert not list(Path("out").rglob(".*"))
 
 

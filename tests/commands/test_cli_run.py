@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray
 
 from slipctl.commands.cli import main
 from slipctl.run import store
 from slipctl.study import execution, jobs
-from slipctl.study.files import results_folder
 
 TESTS = Path(__file__).parents[1]
 TOY = str(TESTS / "toy_study.py")
@@ -219,7 +219,7 @@ def test_a_stopped_run_says_so_and_leaves_nothing_of_another(number: int) -> Non
     assert "This run was stopped before its end" in Path("o/report.html").read_text()
     assert not list(Path("o/figures").iterdir())
     for log in Path("o/logs").rglob("*.nc"):
-        assert "12t" in results_folder.read_log(log).attrs["command"]
+        assert "12t" in xarray.load_dataset(log).attrs["command"]
     assert not list(Path("o").rglob(".*"))
 
 
@@ -325,7 +325,7 @@ def test_a_fitted_law_is_what_runs_and_its_file_is_told(capsys) -> None:
     assert found["value"] == pytest.approx(0.6, rel=1e-6)  # of which the curve was made
     assert found["source"] == f"fitted to curve.csv, sha256 {digest}"
     assert first["scenarios"]["base"]["soft"] != second["scenarios"]["base"]["soft"]
-    data = results_folder.read_log(Path("swapped/logs/base/soft.nc"))
+    data = xarray.load_dataset(Path("swapped/logs/base/soft.nc"))
     s, mu = (data[f"plant.{n}"].values[:300] for n in ("car.s", "adh.mu"))  # dry is the first half
     assert mu == pytest.approx(0.6 * (np.exp(-0.5 * s) - np.exp(-s)), abs=1e-6)
     assert f"curve.csv, sha256 {digest}" in Path("swapped/report.html").read_text(encoding="utf-8")

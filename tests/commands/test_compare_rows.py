@@ -100,7 +100,12 @@ def test_runs_on_the_same_draws_are_compared_run_by_run(pairs):
     ],
 )
 def test_spreads_are_apart_where_they_do_not_touch(spreads, medians, beyond):
-    assert compare._apart(*spreads, *medians) is beyond
+    runs = [[m] if s is None else [s[0]] * 9 + [m] * 3 + [s[1]] * 9
+            for s, m in zip(spreads, medians, strict=True)]  # fmt: skip
+    sides = [Side(n, metrics={"s/x": {"m": np.array(v)}}) for n, v in zip("ab", runs, strict=True)]
+    row = compare._row(sides, ["s/x", "s/x"], "m")
+    assert row["spread"] == list(spreads)
+    assert row["beyond_spread"] == [beyond]
 
 
 def test_sides_of_which_some_runs_alone_reach_a_metric_differ():

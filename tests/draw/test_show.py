@@ -25,7 +25,7 @@ from slipctl import (
     step,
     unit_delay,
 )
-from slipctl.block import smooth
+from slipctl.block.smooth import root
 from slipctl.block.text import formula
 from slipctl.block.text.plain_text import Text, cut
 from slipctl.draw import show
@@ -71,9 +71,9 @@ def controller(form="consistent"):
         T=Param("s", 1e-3, "period"),
     ):
         """Super-twisting."""
-        root = smooth.root(s) if form == "consistent" else s * one("s^.5/m^.5", "printed form")
-        nu = u - k1 * root
-        return {"u": u - T * k2 * smooth.sign(s)}, {"T_b": J * nu}
+        rooted = root(s) if form == "consistent" else s * one("s^.5/m^.5", "printed form")
+        nu = u - k1 * rooted
+        return {"u": u - T * k2 * ca.sign(s)}, {"T_b": J * nu}
 
     return ctl
 

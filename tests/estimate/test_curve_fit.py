@@ -472,6 +472,20 @@ def test_bad_file(tmp_path, text, words, capsys):
 # ---- the command ---------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--set", "Q=1kN", "Q=2kN"], "--set names Q twice; write it once"),
+        (["--start", "k_A=1", "k_A=2"], "--start names k_A twice; write it once"),
+        (["--map", "v_s"], "--map 'v_s': write NAME=VALUE, such as Q=106.7kN"),
+    ],
+)
+def test_what_is_told_twice_or_not_at_all_is_refused(words, said, tmp_path, capsys):
+    told = ["fit", str(CURVE), "--law", "polach", *words, "--out", str(tmp_path / "out")]
+    assert cli.main(told) == 2
+    assert capsys.readouterr().err == f"slipctl: {said}\n"
+
+
 def test_command(tmp_path, capsys):
     out = tmp_path / "out"
     words = ["fit", str(CURVE), "--law", "polach", "--set", "Q=106.7kN", "--out", str(out)]

@@ -27,7 +27,7 @@ def once():
 @pytest.fixture
 def built(monkeypatch, once):
     """Cases of each study are built once, not for each of its loops."""
-    monkeypatch.setattr(resolve, "build_cases", lambda study, quick=False: once(study.name))
+    monkeypatch.setattr(resolve, "build_cases", lambda study, *_: once(study.name))
     return once
 
 

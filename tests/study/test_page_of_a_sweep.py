@@ -14,7 +14,7 @@ from slipctl.models.vehicle.safe_output import safe_command
 from slipctl.run.sweep.spread import count_kept
 from slipctl.run.sweep.sweep_plan import Axis, Plan
 from slipctl.study.report import sweep_page
-from slipctl.study.report.failure_tables import failure_tables
+from slipctl.study.report.page_style import failure_tables
 
 AXES = (Axis("car.m", 7e3, 12e3, None, "kg"), Axis("K", 1.0, 2.0, None, "1"))
 
@@ -101,14 +101,11 @@ def test_metrics_that_differ_or_have_a_limit_are_drawn(limits):
 
 
 def test_what_loops_do_when_something_fails_stands_once_for_those_that_do_alike():
-    def table(head: Any, rows: Any) -> str:
-        return "|".join(";".join(c.text for c in row) for row in rows)
-
     one, other = safe_command("demand"), safe_command("hold")
-    said = failure_tables({"a": one, "b": one, "c": other}, table)
+    said = failure_tables({"a": one, "b": one, "c": other})
     assert said.count("<details>") == said.count("</details>") == 2
     assert "What a, b do when something fails" in said
     assert "What c does when something fails" in said
     assert "<code>trust.ready</code>" in said
     assert "`" not in said
-    assert failure_tables({}, table) == ""
+    assert failure_tables({}) == ""

@@ -13,7 +13,7 @@ import xarray
 from slipctl.run.metrics import Run, measure
 from slipctl.run.roles import Signals
 from slipctl.study import resolve
-from slipctl.study.report.remarks import answer_lines, estimator_remarks, warnings_of_runs
+from slipctl.study.report.remarks import answer_line, estimator_remarks, warnings_of_runs
 
 T = np.arange(0, 20, 0.01)
 SIGNALS = Signals(speed="v", slip="s", reference="r")
@@ -39,6 +39,10 @@ def results(limits=None, **logs):
         study=SimpleNamespace(signals=SIGNALS, limits=limits or {}), cases=[], data={"base": logs},
         metrics={"base": {n: measure(Run(x, SIGNALS)) for n, x in logs.items()}},
     )  # fmt: skip
+
+
+def answer_lines(found, scenario):
+    return {loop: answer_line(found, scenario, loop) for loop in found.metrics[scenario]}
 
 
 def test_a_line_says_where_a_vehicle_stops_and_how_its_wheels_fared():

@@ -13,6 +13,7 @@ from slipctl.commands.cli import main
 from slipctl.errors import BadInput, Faults
 from slipctl.models import vehicle
 from slipctl.models.vehicle import parts
+from slipctl.run.results import Results
 from slipctl.study import resolve
 from slipctl.study.files import trip_files
 
@@ -251,7 +252,6 @@ def test_an_altered_file_is_read_or_refused(tmp_path_factory, data):
 def test_what_the_loops_of_a_file_have_in_common_is_made_and_drawn_once(tmp_path, monkeypatch):
     from slipctl.draw.diagrams import diagram
     from slipctl.models.vehicle import trip as made
-    from slipctl.study import execution
     from slipctl.study.report import report_page
 
     counts = {"plant": 0, "drawing": 0}
@@ -268,7 +268,7 @@ def test_what_the_loops_of_a_file_have_in_common_is_made_and_drawn_once(tmp_path
     path = tmp_path / "my.toml"
     path.write_text(METRO, encoding="utf-8")
     study = resolve.load_study(str(path))
-    results = execution.new_results(study, study.cases(study.models, True), True)
+    results = Results(study, study.cases(study.models, True), True)
     page = report_page.constant(results)["loops"]()
     assert counts["plant"] == 1
     assert counts["drawing"] == page.count("<img") == len(set(re.findall(r'src="[^"]+"', page)))

@@ -27,7 +27,7 @@ from slipctl import (
     law,
     step,
 )
-from slipctl.workbench import curves, ensembles, laws, signals
+from slipctl.workbench import curves, effects, findings, laws
 from slipctl.workbench.desk import Desk
 from slipctl.workbench.sources import openings
 
@@ -65,32 +65,32 @@ def rig(duration=3.0, end=None, ensemble=None, limits=None) -> SimpleNamespace:
 
 @pytest.mark.parametrize(("time", "row"), [(0.0, 0), (0.05, 0), (0.1, 1), (1.27, 12), (2.99, 29)])
 def test_signals_of_a_time_are_those_of_the_tick_that_contains_it(time: float, row: int) -> None:
-    found = {s["name"]: s for s in signals.signals_at(rig(), {}, time)}
+    found = {s["name"]: s for s in findings.signals_at(rig(), {}, time)}
     assert found["car.v"]["values"] == [pytest.approx(5 - 0.1 * row)]
     assert (found["car.T"]["unit"], found["car.T"]["values"]) == ("kN m", [pytest.approx(0.008)])
     assert (found["car.v"]["role"], found["car.v"]["doc"]) == ("state", "speed")
-    moved = {s["name"]: s for s in signals.signals_at(rig(), {"car.a": 2.0}, time)}
+    moved = {s["name"]: s for s in findings.signals_at(rig(), {"car.a": 2.0}, time)}
     assert moved["car.v"]["values"] == [pytest.approx(5 - 0.2 * row)]
 
 
 @pytest.mark.parametrize("time", [-0.1, 3.0, 99.0])
 def test_a_time_outside_of_the_run_is_refused(time: float) -> None:
-    refused(f"the run goes from 0 s to 3 s; {time:g} s is not in it", signals.signals_at, rig(), {},
-            time)  # fmt: skip
+    said = f"the run goes from 0 s to 3 s; {time:g} s is not in it"
+    refused(said, findings.signals_at, rig(), {}, time)
 
 
 def test_a_time_behind_the_end_of_a_run_is_refused() -> None:
     """It ends where the body is slow; up to there it is shown."""
     ended = rig(end=End("car.v", below=4.0))
-    assert signals.signals_at(ended, {}, 0.5)
-    refused("the run ended before 2.5 s", signals.signals_at, ended, {}, 2.5)
+    assert findings.signals_at(ended, {}, 0.5)
+    refused("the run ended before 2.5 s", findings.signals_at, ended, {}, 2.5)
 
 
 def test_draws_need_what_is_drawn_and_limits() -> None:
     drawn = Ensemble({"car.m": "1.5kg:3kg"})
 
     def rows(asked, numbers):
-        return list(ensembles.ensemble_rows(asked, numbers, 2))
+        return list(effects.ensemble_rows(asked, numbers, 2))
 
     refused("own declares no ensemble of base", rows, rig(), {})
     refused("own declares no limits", rows, rig(ensemble=drawn), {})

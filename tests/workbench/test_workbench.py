@@ -19,12 +19,11 @@ from slipctl import BadInput, registry, simulate
 from slipctl.commands.cli import main
 from slipctl.models.super_twisting.certificate import super_twisting as sta
 from slipctl.study import resolve
-from slipctl.workbench import curves, laws, saved_files, sliders, texts
+from slipctl.workbench import curves, laws, safety, saved_files, sliders, texts
 from slipctl.workbench.answers import Answers
 from slipctl.workbench.command_lines import command_words, replayed_curves, run_command
-from slipctl.workbench.desk import Desk, command_of
+from slipctl.workbench.desk import Desk, numbers_in_words, words_of_run
 from slipctl.workbench.questions import KINDS
-from slipctl.workbench.safety import certificates, gain_regions, worst_runs
 from slipctl.workbench.sources import openings
 
 METRO = registry.folder("models") / "vehicle" / "files" / "metro.toml"
@@ -230,14 +229,14 @@ def test_python_is_loaded_only_where_it_was_named(metro, monkeypatch):
 def test_each_point_of_a_region_is_the_certificate_of_its_loop(subway):
     """Also where a bound depends on the gains."""
     rig = subway.rig()
-    gains = certificates.gains_by_name(rig)
-    axes, *rows = [r for r in gain_regions.region_rows(rig, gains, {}, points=3) if r]
+    gains = rig.gains_by_name()
+    axes, *rows = [r for r in safety.region_rows(rig, gains, {}, points=3) if r]
     assert axes["movable"] == {"k1": "ctl.law.k1", "k2": "ctl.law.k2"}
     seen = set()
     for row, y in zip(rows, axes["y"]["values"], strict=True):
         for x, verdict in zip(axes["x"]["values"], row["verdicts"], strict=True):
             at = {"ctl.law.k1": x, "ctl.law.k2": y}
-            assert gain_regions.verdict_of_gains(rig, gains, at)["verdict"] == verdict
+            assert safety.verdict_of_gains(rig, gains, at)["verdict"] == verdict
             seen.add(verdict)
     assert len(seen) > 1
 
@@ -249,10 +248,10 @@ def test_the_worst_disturbance_is_the_largest_allowed_and_turns_with_the_error()
         r for n, c in desk.loops() if (r := desk.rig(loop=n, scenario=c)).gains
         and any(g.name == "observer" for g in r.gains)
     )  # fmt: skip
-    gains = certificates.gains_by_name(rig, "observer")
-    found, lines = worst_runs.worst_run(rig, gains, {})
+    gains = rig.gains_by_name("observer")
+    found, lines = safety.worst_run(rig, gains, {})
     rows = {p.name: p.series[0].values for p in found.panels}
-    bound = gain_regions.points_of_gains(rig, gains, {}).here["L"]
+    bound = safety.points_of_gains(rig, gains, {}).here["L"]
     x1, d = rows["x1"], rows["disturbance"]
     assert np.abs(d) == pytest.approx(bound)
     grows = np.diff(np.abs(x1)) > 0
@@ -279,9 +278,9 @@ def test_a_certificate_without_a_worst_run_says_so(metro):
 
 def test_a_loop_without_certificate_says_why(metro):
     rig = metro.rig(loop="predictive")
-    assert "solution of a program" in certificates.certificates_of_rig(rig)["why"]
+    assert "solution of a program" in rig.certificates()["why"]
     with pytest.raises(BadInput, match="solution of a program"):
-        certificates.gains_by_name(rig)
+        rig.gains_by_name()
 
 
 # ---- the text -----------------------------------------------------------------------------------
@@ -406,8 +405,9 @@ def test_a_link_out_of_the_folder_is_no_way_out(metro, tmp_path_factory):
 
 
 def test_the_command_repeats_what_is_shown(metro):
-    said = command_of(metro, {"m": 40e3}, metro.rig().sliders)
-    assert said == ("slipctl run metro.toml --loop super_twisting --set 'm=40000.0 kg'")
+    moved = numbers_in_words({"m": 40e3}, metro.rig().sliders)
+    said = words_of_run(metro, metro.loop, moved)
+    assert said == ["run", "metro.toml", "--loop", "super_twisting", "--set", "m=40000.0 kg"]
 
 
 def test_signals_of_a_time_are_those_of_the_run_in_that_tick(metro):

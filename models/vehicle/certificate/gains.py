@@ -25,8 +25,7 @@ import numpy as np
 
 from slipctl import BadInput, Block, Gains, Input, Output, Param, connect, law
 from slipctl.analysis.bounds import enclosure, largest_slope
-from slipctl.block.units.number_ranges import read_range
-from slipctl.block.units.unit_algebra import parse_quantity
+from slipctl.block.units.unit_algebra import parse_quantity, read_range
 from slipctl.models.common_form import ADDED
 from slipctl.models.vehicle.adhesion import rail_law
 from slipctl.models.vehicle.certificate.own_gains import (

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from slipctl.block.units.number_ranges import read_range
+from slipctl.block.units.unit_algebra import read_range
 from slipctl.errors import BadInput
 from slipctl.models.vehicle.parts.actuator import Actuator, Lag
 from slipctl.models.vehicle.parts.controllers import (

@@ -12,19 +12,21 @@ from __future__ import annotations
 import ast
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from slipctl.block.block import Block, Exprs, make_block
+import casadi as ca
+
+from slipctl.block.block import Block, Exprs, block_from
 from slipctl.block.declare import check_conditions
 from slipctl.block.signals import Signal
 from slipctl.block.text import expression, formula
 from slipctl.block.text.expression import Expression, interpolated
 from slipctl.block.text.meanings import EQUATION, MOST, Item, Meaning, Meanings, Table, bare
 from slipctl.block.units import unit_walk
-from slipctl.block.units.unit_algebra import parse_quantity, si_text, unit
+from slipctl.block.units.unit_algebra import checking_units, parse_quantity, si_text, unit
 from slipctl.errors import BadInput, Faults, nearest
 
 PLACES = 200
@@ -192,9 +194,9 @@ class _Reader(Meanings):
         self.stop()
         try:
             check_conditions(name or kind, values, {s.name: s for s in signals})
-            made = make_block(
-                name or kind, kind, equations.body, period=seconds, doc=doc, units=units,
-                conditions=values, **_by_role(signals),
+            made = block_from(
+                name or kind, kind, equations.body, signals, period=seconds, doc=doc, units=units,
+                conditions=values,
             )  # fmt: skip
             if all(s.value is not None for s in made.params.values()):
                 made.param_values()
@@ -295,19 +297,15 @@ class _Reader(Meanings):
         self, equations: _Equations, signals: Sequence[Signal], kind: str
     ) -> list[Signal]:
         """Tell where units do not fit, and give results without one the unit that they have."""
-        import casadi as ca
-
-        from slipctl.block.units.unit_algebra import checking_units
-
         symbols = {s.name: ca.SX.sym(s.name) for s in signals if s.role != "output"}
         given = {s.name: s.unit for s in signals if s.role != "output"}
+        rate = "({}) / s" if kind == "flow" else "{}"
+        of_states = {s.name: rate.format(s.unit) for s in signals if s.role == "state"}
         parts: dict[_Equation, list[tuple[ast.expr, Any]]] = {}
         with checking_units():
             values = equations.values(symbols, parts)
         wanted = {
-            e: _per_second(next(s.unit for s in signals if s.name == e.name), kind)
-            if e.mark
-            else self.meanings[e.name].unit
+            e: of_states[e.name] if e.mark else self.meanings[e.name].unit
             for e in equations.order
             if e.mark or e.name in self.meanings
         }
@@ -354,8 +352,6 @@ class _Reader(Meanings):
         self, parts: Sequence[tuple[ast.expr, Any]], given: Mapping[str, str]
     ) -> list[tuple[int, str]]:
         """Columns of the innermost parts whose units do not fit, and what is wrong there."""
-        import casadi as ca
-
         wrong: set[int] = set()
         found = []
         for node, value in parts[:PLACES]:
@@ -423,8 +419,6 @@ class _Equations:
         parts: dict[_Equation, list[tuple[ast.expr, Any]]] | None = None,
     ) -> dict[_Equation, Any]:
         """Value of each equation."""
-        import casadi as ca
-
         values, found = dict(known), {}
         symbols = next((type(v) for v in known.values() if isinstance(v, (ca.SX, ca.MX))), ca.SX)
         calls: dict[str, Callable[..., Any]] = dict(self.tables)
@@ -459,17 +453,6 @@ def _signal(role: str, name: str, m: Meaning) -> Signal:
         role, m.unit or "1", value, m.doc, m.source, lo, hi, positive=m.positive, per=m.per,
         name=name,
     )  # fmt: skip
-
-
-def _by_role(signals: Iterable[Signal]) -> dict[str, list[Signal]]:
-    found: dict[str, list[Signal]] = {"states": [], "inputs": [], "params": [], "outputs": []}
-    for s in signals:
-        found[f"{s.role}s"].append(s)
-    return found
-
-
-def _per_second(text: str, kind: str) -> str:
-    return f"({text}) / s" if kind == "flow" else text
 
 
 def _moved(told: str, offset: int) -> str:

@@ -14,10 +14,15 @@ import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
 from itertools import pairwise
 from typing import Any
 
+import casadi as ca
+import numpy as np
+
+from slipctl.block.smooth import root
+from slipctl.block.units.unit_algebra import one, unit
 from slipctl.errors import BadInput, Faults, check_number, has_many, nearest, value_text
 
 LONGEST = 2000
@@ -269,8 +274,6 @@ class _Look:
         return all(fixed) and name in FUNCTIONS
 
     def unit(self, node: ast.expr) -> bool:
-        from slipctl.block.units.unit_algebra import unit
-
         if not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
             self.wrong(node, "one takes a unit in quotes, one('m/s')")
             return False
@@ -329,8 +332,6 @@ class _Walk:
             return _BINARY[type(node.op)](self.value(node.left), self.value(node.right))
         if isinstance(node, ast.Call):
             return self.call(node)
-        import casadi as ca
-
         if isinstance(node, ast.UnaryOp):
             inner = self.value(node.operand)
             if isinstance(node.op, ast.Not):
@@ -342,21 +343,17 @@ class _Walk:
                 _COMPARE[type(op)](a, b)
                 for op, a, b in zip(node.ops, values, values[1:], strict=False)
             ]
-            return _folded(ca.logic_and, found)
+            return reduce(ca.logic_and, found)
         if isinstance(node, ast.BoolOp):
             both = ca.logic_and if isinstance(node.op, ast.And) else ca.logic_or
-            return _folded(both, [self.value(v) for v in node.values])
+            return reduce(both, [self.value(v) for v in node.values])
         assert isinstance(node, ast.IfExp)
         return ca.if_else(self.value(node.test), self.value(node.body), self.value(node.orelse))
 
     def call(self, node: ast.Call) -> Any:
-        import casadi as ca
-
         assert isinstance(node.func, ast.Name)
         name = node.func.id
         if name == "one":
-            from slipctl.block.units.unit_algebra import one
-
             assert isinstance(node.args[0], ast.Constant)
             return one(str(node.args[0].value))
         if name == "interp":
@@ -367,21 +364,12 @@ class _Walk:
         if name in self.calls:
             return self.calls[name](*args)
         if name in ("min", "max"):
-            return _folded(ca.fmin if name == "min" else ca.fmax, args)
+            return reduce(ca.fmin if name == "min" else ca.fmax, args)
         if name == "clip":
             return ca.fmin(ca.fmax(args[0], args[1]), args[2])
         if name == "root":
-            from slipctl.block.smooth import root
-
             return root(*args)
         return getattr(ca, "fabs" if name == "abs" else name)(*args)
-
-
-def _folded(both: Callable[[Any, Any], Any], values: list[Any]) -> Any:
-    found = values[0]
-    for v in values[1:]:
-        found = both(found, v)
-    return found
 
 
 def interpolated(x: Any, xs: Any, ys: Any) -> Any:
@@ -402,9 +390,6 @@ def interpolated(x: Any, xs: Any, ys: Any) -> Any:
     Raises:
         BadInput: places that do not rise, or heights of another number.
     """
-    import casadi as ca
-    import numpy as np
-
     if isinstance(x, tuple | list):
         return _over_two(x, xs, ys)
     if isinstance(x, (float, int)):
@@ -424,8 +409,6 @@ def interpolated(x: Any, xs: Any, ys: Any) -> Any:
 
 def _over_two(x: Any, xs: Any, ys: Any) -> Any:
     """Heights over two axes: the ramps of each axis, from 0 to 1, are the same for all rows."""
-    import casadi as ca
-
     if len(x) != 2 or not isinstance(xs, tuple | list) or len(xs) != 2:
         raise BadInput("interpolated: give one number and its places, or two and those of both")
     axes = [_places(places) for places in xs]
@@ -453,17 +436,12 @@ def _over_two(x: Any, xs: Any, ys: Any) -> Any:
 
 def _with_holes(found: Any, x: Any) -> Any:
     """NaN where a number is: fmin and fmax pass over it. An expression stays as it is."""
-    import casadi as ca
-    import numpy as np
-
     if isinstance(x, float | int | np.number):
         return found if x == x else math.nan
     return found if isinstance(x, ca.SX | ca.MX) else ca.if_else(x != x, x, found)
 
 
 def _points(given: Any) -> list[Any]:
-    import casadi as ca
-
     if isinstance(given, ca.SX | ca.MX | ca.DM):
         return ca.vertsplit(given)
     if isinstance(given, str) or not has_many(given):

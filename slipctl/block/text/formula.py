@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import lru_cache
 from types import CodeType, FrameType
 from typing import Any, NamedTuple
+
+import casadi as ca
+
+from slipctl.block.text.intermediates import watch_calls
 
 LONG = 60
 """Operations in one formula; what goes beyond is given a letter of its own."""
@@ -48,11 +52,14 @@ class Graph:
     roots: dict[str, list[int]] = field(default_factory=dict)
     letters: dict[int, str] = field(default_factory=dict)
 
-    def below(self, start: list[int]) -> list[int]:
-        """Nodes that the given ones are made of, themselves included, in order of evaluation."""
+    def below(self, start: list[int], but: Container[int] = ()) -> list[int]:
+        """Nodes that the given ones are made of, themselves included, in order of evaluation.
+
+        What is behind those of ``but`` is left out, and so are they.
+        """
         seen, waiting = set(start), list(start)
         while waiting:
-            new = [a for a in self.nodes[waiting.pop()].args if a not in seen]
+            new = [a for a in self.nodes[waiting.pop()].args if a not in seen and a not in but]
             seen.update(new)
             waiting += new
         return sorted(seen)
@@ -68,10 +75,6 @@ def letters(code: CodeType) -> Iterator[dict[str, Any]]:
     Yields:
         A dict that is filled when the function returns, SX results by the name of the variable.
     """
-    import casadi as ca
-
-    from slipctl.block.text.intermediates import watch_calls
-
     found: dict[str, Any] = {}
 
     def watch(frame: FrameType, event: str, _: Any) -> None:
@@ -100,8 +103,6 @@ _told: ContextVar[dict[str, Any] | None] = ContextVar("_told", default=None)
 
 def tell(name: str, value: Any) -> None:
     """Give an intermediate result its letter, where there is no local variable to have it."""
-    import casadi as ca
-
     found = _told.get()
     if found is not None and isinstance(value, ca.SX):
         found.setdefault(name, value)
@@ -109,8 +110,6 @@ def tell(name: str, value: Any) -> None:
 
 @lru_cache(maxsize=1)
 def _operations() -> dict[int, str]:
-    import casadi as ca
-
     return {getattr(ca, n): n[3:].lower() for n in dir(ca) if n.startswith("OP_")}
 
 
@@ -121,8 +120,6 @@ def graph(equations: Mapping[str, Any], names: Mapping[str, Any] | None = None) 
         equations: SX expressions (or numbers) by name.
         names: SX intermediate results by letter, as :func:`letters` finds them.
     """
-    import casadi as ca
-
     wanted = {k: ca.densify(ca.SX(v)) for k, v in equations.items()}
     extra = {k: ca.densify(v) for k, v in (names or {}).items()}
     outputs = [*wanted.values(), *extra.values()]

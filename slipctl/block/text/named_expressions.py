@@ -41,17 +41,13 @@ def solve_order(
     return values
 
 
-def names_in(text: str) -> list[str]:
+@lru_cache(maxsize=4096)
+def names_in(text: str) -> tuple[str, ...]:
     """Names that an expression of other signals uses, functions left out.
 
     Raises:
         BadInput: not an expression.
     """
-    return list(_names_in(text))
-
-
-@lru_cache(maxsize=4096)
-def _names_in(text: str) -> tuple[str, ...]:
     try:
         return tuple(sorted(expression.read(text).names))
     except Faults as error:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import casadi as ca
 
 from slipctl.block.block import Block, make_block
-from slipctl.block.signals import Input, Output, Param
+from slipctl.block.signals import Input, Output, Param, Signal
 
 
 def flip_sign(unit: str, to: str = "braking", what: str = "signal with its sign turned") -> Block:
@@ -27,33 +30,25 @@ def flip_sign(unit: str, to: str = "braking", what: str = "signal with its sign 
 
 def speed_to_ratio() -> Block:
     """Slip ratio from slip speed: lambda = v_s / max(|v|, v_min)."""
-    return make_block(
-        "speed_to_ratio", "law",
-        lambda x, u, p: ({}, {"y": u["u"] / ca.fmax(ca.fabs(u["v"]), p["v_min"])}),
-        inputs=[
-            Input("m/s", "slip speed", per="speed").named("u"),
-            Input("m/s", "vehicle speed").named("v"),
-        ],
-        params=[Param("m/s", 1.0, "least speed in the ratio", lo=1e-3,
-                      hi=1000).named("v_min")],
-        outputs=[Output("1", "slip ratio", per="ratio").named("y")],
-        doc="y = u / max(|v|, v_min).",
-    )  # fmt: skip
+    slip, ratio = Input("m/s", "slip speed", per="speed"), Output("1", "slip ratio", per="ratio")
+    return _by_speed("speed_to_ratio", "/", lambda u, v: u / v, slip, ratio)
 
 
 def ratio_to_speed() -> Block:
     """Slip speed from slip ratio: v_s = lambda max(|v|, v_min)."""
+    ratio, slip = Input("1", "slip ratio", per="ratio"), Output("m/s", "slip speed", per="speed")
+    return _by_speed("ratio_to_speed", "", lambda u, v: u * v, ratio, slip)
+
+
+def _by_speed(name: str, sign: str, of: Callable[[Any, Any], Any], u: Signal, y: Signal) -> Block:
+    """Law y = of(u, max(|v|, v_min))."""
+    least = Param("m/s", 1.0, "least speed in the ratio", lo=1e-3, hi=1000)
     return make_block(
-        "ratio_to_speed", "law",
-        lambda x, u, p: ({}, {"y": u["u"] * ca.fmax(ca.fabs(u["v"]), p["v_min"])}),
-        inputs=[
-            Input("1", "slip ratio", per="ratio").named("u"),
-            Input("m/s", "vehicle speed").named("v"),
-        ],
-        params=[Param("m/s", 1.0, "least speed in the ratio", lo=1e-3,
-                      hi=1000).named("v_min")],
-        outputs=[Output("m/s", "slip speed", per="speed").named("y")],
-        doc="y = u max(|v|, v_min).",
+        name, "law",
+        lambda x, u, p: ({}, {"y": of(u["u"], ca.fmax(ca.fabs(u["v"]), p["v_min"]))}),
+        inputs=[u.named("u"), Input("m/s", "vehicle speed").named("v")],
+        params=[least.named("v_min")], outputs=[y.named("y")],
+        doc=f"y = u {sign} max(|v|, v_min).".replace("  ", " "),
     )  # fmt: skip
 
 

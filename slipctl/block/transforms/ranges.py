@@ -68,16 +68,9 @@ def ranged(
 
 def _declared(there: Signal, s: Signal) -> Signal:
     """A signal with the range of another one."""
-    return replace(
-        there,
-        lo=s.lo,
-        hi=s.hi,
-        change=s.change,
-        jitter=s.jitter,
-        bounds=s.bounds,
-        stale=s.stale,
-        source=s.source or there.source,
-    )
+    taken = ("lo", "hi", "change", "jitter", "bounds", "stale")
+    given = {k: getattr(s, k) for k in taken}
+    return replace(there, **given, source=s.source or there.source)
 
 
 def _row(there: Signal, ends: Row, source: str) -> Signal:
@@ -85,14 +78,7 @@ def _row(there: Signal, ends: Row, source: str) -> Signal:
     what = dict(zip(("lo", "hi", "change", "noise"), ends, strict=False))
     if there.role != "input":
         what = {k: what[k] for k in ("lo", "hi")}
-    numbers: dict[str, Any] = {"lo": -math.inf, "hi": math.inf, "change": math.inf, "noise": 0.0}
-    numbers |= numbers_and_bounds(**what)
-    return replace(
-        there,
-        lo=numbers["lo"],
-        hi=numbers["hi"],
-        change=numbers["change"],
-        jitter=numbers["noise"],
-        bounds=numbers["bounds"],
-        source=there.source or source,
-    )
+    given: dict[str, Any] = {"lo": -math.inf, "hi": math.inf, "change": math.inf, "noise": 0.0}
+    given |= numbers_and_bounds(**what)
+    jitter = given.pop("noise")
+    return replace(there, **given, jitter=jitter, source=there.source or source)

@@ -16,8 +16,16 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any, NoReturn
 
-from slipctl.block.units.spellings import ONE_IN, REFUSED, SPOKEN
-from slipctl.block.units.unit_names import PLAIN, PREFIXED, Dims, dims_of, unit_by_name
+from slipctl.block.units.unit_names import (
+    ONE_IN,
+    PLAIN,
+    PREFIXED,
+    REFUSED,
+    SPOKEN,
+    Dims,
+    dims_of,
+    unit_by_name,
+)  # fmt: skip
 from slipctl.errors import BadInput, nearest
 
 _ONE = "one["
@@ -358,6 +366,31 @@ def split_quantity(text: str) -> tuple[str, str | None]:
     if match is None:
         raise BadInput(f"{_cut(text)!r} is no number with a unit, such as '8.2 kg'")
     return match[1], match[2].strip() or None
+
+
+def read_range(first: str, last: str, wanted: str, where: str) -> tuple[float, float]:
+    """Both ends of a range in the wanted unit; where one has a unit, the other needs it too.
+
+    Plain numbers are in the wanted unit already. An end without a unit beside one that has it,
+    ``34:42t``, could be 34 kg or 34 t. Only 0 is the same in both.
+
+    Args:
+        first, last: the ends, ``"34t"`` and ``"42t"``.
+        wanted: declared unit, ``"kg"``.
+        where: what takes them, for the message.
+
+    Raises:
+        BadInput: no number, an unknown unit, another dimension, a unit at one end alone.
+    """
+    ends = (parse_quantity(first, wanted, where), parse_quantity(last, wanted, where))
+    units = [split_quantity(end)[1] for end in (first, last) if float(split_quantity(end)[0])]
+    if len(units) == 2 and (units[0] is None) != (units[1] is None):
+        bare, unit = (first, units[1]) if units[0] is None else (last, units[0])
+        raise BadInput(
+            f"{where}: {first.strip()}:{last.strip()} has a unit at one end; write '{bare.strip()}"
+            f" {unit}' or '{bare.strip()} {wanted}'"
+        )
+    return ends
 
 
 def si_text(text: str) -> str:

@@ -45,7 +45,7 @@ def check(
     for n in graph.below([n for root in graph.roots.values() for n in root]):
         walk.visit(n)
     wrong = {
-        k: [n for n in root if k in targets and not walk.fits(n, targets[k])]
+        k: [n for n in root if k in targets and (u := walk.units[n]) and not u.same(targets[k])]
         for k, root in graph.roots.items()
     }
     if not walk.errors and not any(wrong.values()):
@@ -60,7 +60,8 @@ def check(
     for label, root in parts:
         for n in root:
             where = f"in {cut(label.removesuffix(' =') + ' = ' + write.root(n), 90)}: "
-            new = [e for e in _within(graph, n, named) if e in walk.errors and e not in told]
+            inside = graph.below([n], named)  # what is behind a letter is told of that letter
+            new = [e for e in inside if e in walk.errors and e not in told]
             told.update(new)
             lines += [where + walk.errors[e](write) for e in new]
             if not new and n in wrong.get(label, []):
@@ -83,17 +84,6 @@ def infer(equations: Mapping[str, Any], given: Mapping[str, str]) -> dict[str, s
     for n in graph.below([n for root in graph.roots.values() for n in root]):
         walk.visit(n)
     return {k: walk.say(root[0]) for k, root in graph.roots.items()}
-
-
-def _within(graph: formula.Graph, root: int, named: set[int]) -> list[int]:
-    """Nodes of one formula, not those behind the letters of other formulas."""
-    seen, waiting = {root}, [root]
-    while waiting:
-        args = graph.nodes[waiting.pop()].args
-        new = [a for a in args if a not in seen and a not in named]
-        seen.update(new)
-        waiting += new
-    return sorted(seen)
 
 
 _EQUAL = {
@@ -205,10 +195,6 @@ class _Walk:
         node = self.graph.nodes[n]
         literal = node.op == "const" and math.isfinite(node.value) and node.value != 0.0
         return "; give the number its unit, as a Param or by one('...')" if literal else ""
-
-    def fits(self, n: int, target: Unit) -> bool:
-        u = self.units[n]
-        return u is None or u.same(target)
 
     def quote(self, write: Any, n: int) -> str:
         return f"'{cut(write.at(n)[0], 40)}' [{self.say(n)}]"

@@ -7,6 +7,7 @@ import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ from slipctl.certify import catalogue, certificate, proofs, safe_json, smtlib, s
 from slipctl.certify.systems import Report, System
 from slipctl.commands.certificates import certify_loop
 from slipctl.commands.certificates.certify_numbers import read_numbers
-from slipctl.errors import BadInput, RunFailed, nearest
+from slipctl.design import gain_files
+from slipctl.errors import BadInput, RunFailed
 from slipctl.run import store
 from slipctl.run.numbers import check_guards
-from slipctl.study import case_setup
+from slipctl.study import case_setup, resolve
 from slipctl.study.declaration import Gains, Study
 from slipctl.study.request import Request
 
@@ -49,28 +51,15 @@ def certify(
     Raises:
         BadInput: an unknown system or name, a number that means nothing, a wrong or missing unit.
     """
-    from slipctl.study import resolve
-
-    own = certify_loop.own_system(system)
-    if own is not None:
-        return _of_system(own, settings, as_json, out, command)
     loop = certify_loop.is_loop(system)
-    file = system.endswith((".py", ".toml"))
-    if loop or file or (system in resolve.studies() and system not in catalogue.SYSTEMS):
+    study = loop or system.endswith((".py", ".toml"))
+    study = study or (system in resolve.studies() and system not in catalogue.SYSTEMS)
+    if study and certify_loop.own_system(system) is None:
         if not loop and (settings or out is not None):
             word = "--set" if settings else "--out"
             raise BadInput(f"{system} is a study; {word} goes with one of its loops, {system}:LOOP")
         return certify_study(system, as_json, command, out, settings)
-    if system not in catalogue.SYSTEMS:
-        names = (*catalogue.SYSTEMS, *resolve.studies())
-        raise BadInput(f"cannot certify {system!r}{nearest(system, names)}")
-    return _of_system(catalogue.system(system), settings, as_json, out, command)
-
-
-def _of_system(
-    chosen: System, settings: Sequence[str], as_json: bool, out: str | None, command: str
-) -> str:
-    """Answer of a system and the numbers that were told."""
+    chosen = certify_loop.system_by_name(system)
     numbers = read_numbers(chosen, settings)
     report = systems.report(chosen, numbers)
     if out is not None:
@@ -207,8 +196,6 @@ def certify_study(
     Raises:
         BadInput: no such study, it declares no gains, or several where one is to be written.
     """
-    from slipctl.study import resolve
-
     of = None
     if certify_loop.is_loop(name):
         study, of = certify_loop.find(name)
@@ -243,22 +230,18 @@ def certify_study(
         g, r = a.gains, a.report
         rows += ["", f"{g.name} (loop {g.loop}), {r}"]
         used = {k: v for k, v in r.gains.items() if k in SHOWN or v}
-        rows += textwrap.wrap(
-            numbers_line(used, r.units), 96, initial_indent="  ", subsequent_indent="  "
-        )
+        rows += _hung(numbers_line(used, r.units), "  ")
         if a.condition is not None:
             holds = "holds" if a.condition else "is violated"
             unit = "*" if r.criteria[g.condition].unit_dependent else ""
             rows.append(f"  the paper's own condition, {g.condition}{unit}, {holds}")
         rows += promise_lines(r)
-        rows += textwrap.wrap(a.needs, 96, initial_indent="  ", subsequent_indent="    ")
+        rows += _hung(a.needs)
         if g.bounds:
-            rows += textwrap.wrap(f"bounds: {g.bounds}", 96, initial_indent="  ",
-                                  subsequent_indent="    ")  # fmt: skip
+            rows += _hung(f"bounds: {g.bounds}")
         if a.costs:
-            told_ = ", ".join(f"{k} {v:.0%}" for k, v in sorted(a.costs.items(), key=_share))
-            rows += textwrap.wrap(f"the bound that remains when a range is halved: {told_}", 96,
-                                  initial_indent="  ", subsequent_indent="    ")  # fmt: skip
+            told_ = ", ".join(f"{k} {v:.0%}" for k, v in sorted(a.costs.items(), key=itemgetter(1)))
+            rows += _hung(f"the bound that remains when a range is halved: {told_}")
     if of is None:
         rows += [line for n, why in study.certificates.uncertified.items()
                  for line in ("", *textwrap.wrap(f"{n}: no certificate, {why}", 96))]  # fmt: skip
@@ -270,8 +253,8 @@ def certify_study(
     return "\n".join(rows)
 
 
-def _share(entry: tuple[str, float]) -> float:
-    return entry[1]
+def _hung(text: str, rest: str = "    ") -> list[str]:
+    return textwrap.wrap(text, 96, initial_indent="  ", subsequent_indent=rest)
 
 
 def loop_verdict(found: Sequence[Answer]) -> str:
@@ -291,7 +274,7 @@ def system_list() -> str:
     rows = []
     for system in catalogue.SYSTEMS.values():
         rows.append(system.name)
-        rows += textwrap.wrap(system.title, 96, initial_indent="  ", subsequent_indent="  ")
+        rows += _hung(system.title, "  ")
         for name, n in system.numbers.items():
             kind = "optional" if n.optional else "" if n.value is None else f"{n.value:g}"
             rows.append(f"    {name:<13} {n.unit:<13} {kind:<9} {n.doc}")
@@ -306,8 +289,6 @@ def check(file: str) -> str:
         RunFailed: it does not hold.
     """
     payload = safe_json.read(Path(file))
-    from slipctl.design import gain_files
-
     try:
         if payload.get("kind") == gain_files.KIND:
             return f"{file} holds:\n{gain_files.check(payload)}"
@@ -365,11 +346,7 @@ def promise_lines(report: Report) -> list[str]:
         lines.append(f"undecided, neither proved nor refuted: {'; '.join(claims)}")
     if found.promise.not_promised:
         lines.append(f"not promised: {'; '.join(found.promise.not_promised)}")
-    return [
-        row
-        for line in lines
-        for row in textwrap.wrap(line, 96, initial_indent="  ", subsequent_indent="    ")
-    ]
+    return [row for line in lines for row in _hung(line)]
 
 
 def numbers_line(gains: Mapping[str, float], units: Mapping[str, str]) -> str:

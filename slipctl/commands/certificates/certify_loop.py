@@ -9,26 +9,28 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from slipctl import __version__
 from slipctl.block.block import Block
-from slipctl.certify import catalogue, systems
+from slipctl.certify import boundary, catalogue, proofs, systems
 from slipctl.certify.boundary import Farthest
 from slipctl.certify.systems import System
 from slipctl.commands.certificates.certify_numbers import read_numbers
 from slipctl.commands.progress import Progress
+from slipctl.design import maps
 from slipctl.design.gain_points import Asked, GainPoints, replaced_numbers
+from slipctl.design.levels import levels, places
+from slipctl.design.maps import Axis
 from slipctl.errors import BadInput, nearest
 from slipctl.run import machine, store
+from slipctl.run.metrics import METRICS
 from slipctl.run.numbers import check_guards
+from slipctl.run.sweep.sweep_runs import Measured
 from slipctl.study import resolve
 from slipctl.study.declaration import Gains, Study
+from slipctl.study.jobs import Cores
 from slipctl.study.request import Request
-
-if TYPE_CHECKING:
-    from slipctl.design.maps import Axis
-    from slipctl.run.sweep.sweep_runs import Measured
 
 
 def find(name: str) -> tuple[Study, list[Gains]]:
@@ -71,6 +73,19 @@ def own_system(name: str) -> System | None:
     return found if isinstance(found, System) else None
 
 
+def system_by_name(name: str, hint: str = "") -> System:
+    """System of a file of one's own, or of the catalogue.
+
+    Raises:
+        BadInput: there is none, with the nearest and a hint behind it.
+    """
+    own = own_system(name)
+    if own is None and name not in catalogue.SYSTEMS:
+        names = (*catalogue.SYSTEMS, *resolve.studies())
+        raise BadInput(f"cannot certify {name!r}{nearest(name, names)}{hint}")
+    return own or catalogue.system(name)
+
+
 def is_loop(name: str) -> bool:
     """Whether a name is ``STUDY:LOOP``."""
     left, colon, _ = name.rpartition(":")
@@ -102,13 +117,12 @@ def map_answer(options: argparse.Namespace, command: str) -> str:
     Raises:
         BadInput: a system or loop that there is not, axes that are none.
     """
-    from slipctl.design import maps
-    from slipctl.design.levels import levels
-    from slipctl.study.jobs import Cores
-
     at, what = _asked(options)
     system, given = at({})
-    axes = maps.read_axes(options.map, system, _known(system, given))
+    declared: dict[str, Any] = {
+        k: n.value for k, n in system.numbers.items() if n.value is not None
+    }
+    axes = maps.read_axes(options.map, system, {**declared, **given})
     stem = re.sub(r"\W", "_", options.system)
     folder = Path(options.out or Path("out") / f"map_{stem}")
     if folder.suffix == ".json":
@@ -140,10 +154,6 @@ def _measured(
     Raises:
         BadInput: no such metric, a system in place of a loop, or axes that are no numbers of it.
     """
-    from slipctl.design.levels import places
-    from slipctl.run.metrics import METRICS
-    from slipctl.run.sweep.sweep_runs import Measured
-
     if options.metric not in METRICS:
         known = nearest(options.metric, METRICS)
         raise BadInput(f"--metric {options.metric}: there is no such metric{known}")
@@ -162,8 +172,6 @@ def ends(options: argparse.Namespace, command: str) -> str:
     Raises:
         BadInput: a system or number that there is not, or both questions at once.
     """
-    from slipctl.certify import boundary, proofs
-
     up = options.largest is not None
     if up and options.smallest is not None:
         raise BadInput("ask for --largest or for --smallest")
@@ -209,31 +217,16 @@ def _told(found: Farthest) -> list[str]:
     return rows
 
 
-def _asked(
-    options: argparse.Namespace,
-) -> tuple[Callable[[Mapping[str, float]], Asked], str]:
+def _asked(options: argparse.Namespace) -> tuple[Callable[[Mapping[str, float]], Asked], str]:
     """System and numbers of a question, at the numbers of a point, and its name in words.
 
     Raises:
         BadInput: a system or loop that there is not; numbers of a loop that were typed.
     """
     name = options.system
-    own = own_system(name)
-    if own is not None:
-        return replaced_numbers(own, read_numbers(own, options.settings)), name
-    if is_loop(name):
+    if is_loop(name) and own_system(name) is None:
         gains, loop = one(name, options.settings)
         points = GainPoints(gains, loop, find(name)[0].controller)
         return points.at, f"{name.rpartition(':')[0]}:{gains.name}"
-    if name not in catalogue.SYSTEMS:
-        known_ = (*catalogue.SYSTEMS, *resolve.studies())
-        raise BadInput(
-            f"cannot certify {name!r}{nearest(name, known_)}; write a system or STUDY:LOOP"
-        )
-    system = catalogue.system(name)
+    system = system_by_name(name, "; write a system or STUDY:LOOP")
     return replaced_numbers(system, read_numbers(system, options.settings)), name
-
-
-def _known(system: System, given: Mapping[str, Any]) -> Mapping[str, Any]:
-    declared = {k: n.value for k, n in system.numbers.items() if n.value is not None}
-    return {**declared, **given}

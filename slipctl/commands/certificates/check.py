@@ -11,7 +11,12 @@ from typing import Any
 
 from slipctl.certify import safe_json
 from slipctl.commands.certificates import certify
+from slipctl.design import statement
+from slipctl.design.gain_search import FIRST_PROOF
+from slipctl.design.goals import read_objective, single
 from slipctl.errors import BadInput, RunFailed, check_whole
+from slipctl.run.sweep.ensemble import World, read_ensemble
+from slipctl.study.request import Request
 
 
 def answer(options: argparse.Namespace, command: str) -> int:
@@ -34,12 +39,6 @@ def rerun(file: str, many: int) -> str:
         BadInput: the file holds no statement, or what it names is not there.
         RunFailed: a draw gives other bits.
     """
-    from slipctl.design import statement
-    from slipctl.design.gain_search import FIRST_PROOF
-    from slipctl.design.goals import read_objective, single
-    from slipctl.run.sweep.ensemble import World, read_ensemble
-    from slipctl.study.request import Request
-
     payload = safe_json.read(Path(file))
     said: Mapping[str, Any] | None = payload.get("statistical")
     if said is None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from slipctl.errors import BadInput, nearest
 from slipctl.study import resolve
-from slipctl.study.files import trip_files
+from slipctl.study.files import declared_parts, trip_files
 
 TOPICS = ("studies", "models", "kinds")
 """What can be listed; kinds are those of the parts of a vehicle's file."""
@@ -55,8 +55,6 @@ def kinds() -> list[Row]:
     Each row has in ``many`` whether the table may stand several times, and in ``kind`` what chooses
     it where a table has several forms.
     """
-    from slipctl.study.files import declared_parts
-
     files = trip_files.vehicle_files()
     rows: list[Row] = []
     seen: set[tuple[str, str]] = set()

@@ -6,7 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
-from slipctl.errors import BadInput
+from slipctl.errors import BadInput, nearest
 
 PACKAGE = Path(__file__).resolve().parents[2]
 PLACES = (PACKAGE.parent / "out" / "docs", PACKAGE / "pages")
@@ -33,7 +33,5 @@ def page_file(name: str) -> Path:
         raise BadInput(f"the pages are not built; in a clone of slipctl write: {BUILD}")
     pages = sorted(p.stem for p in folder.glob("*.html"))
     if name not in pages:
-        from slipctl.errors import nearest
-
         raise BadInput(f"there is no page {name!r}{nearest(name, pages)}")
     return folder / f"{name}.html"

@@ -13,7 +13,7 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.shared_numbers import targets
-from slipctl.block.units.number_ranges import read_range
+from slipctl.block.units.unit_algebra import read_range
 from slipctl.errors import BadInput, check_whole, nearest, refuse_unknown_choice
 from slipctl.run.rail import Scenario
 from slipctl.run.scenario_inputs import loop_at_start, rail_values

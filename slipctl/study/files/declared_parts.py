@@ -14,7 +14,7 @@ import math
 import re
 import types
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from functools import lru_cache
 from typing import Any, Literal, Union, get_args, get_origin
@@ -85,10 +85,15 @@ class _Reader:
     def fault(self, keys: Keys, text: str) -> None:
         self.faults.append((keys, text))
 
+    def is_table(self, given: Any, keys: Keys) -> bool:
+        """Whether it is a table; what it is in place of one is told."""
+        if not isinstance(given, Mapping):
+            self.fault(keys, f"is {_shown(given)}; write a table")
+        return isinstance(given, Mapping)
+
     def part(self, kind: type, content: Any, keys: Keys) -> Any:
         """Part of a table."""
-        if not isinstance(content, Mapping):
-            self.fault(keys, f"is {_shown(content)}; write a table")
+        if not self.is_table(content, keys):
             return None
         before = len(self.faults)
         known = {key_of(f): f for f in fields(kind)}
@@ -125,9 +130,7 @@ class _Reader:
     def value(self, kind: Any, given: Any, keys: Keys, f: Field[Any], beside: Any) -> Any:
         """Value of a field, by its type."""
         if f.metadata.get("free"):
-            if not isinstance(given, Mapping):
-                return self.fault(keys, f"is {_shown(given)}; write a table")
-            return given
+            return given if self.is_table(given, keys) else None
         choices = options(kind)
         classes = [c for c in choices if is_dataclass(c)]
         many = [c for c in choices if get_origin(c) is tuple]
@@ -135,9 +138,8 @@ class _Reader:
             return self.one_of(classes, given, keys)
         if many and isinstance(given, list):
             inner: Any = get_args(many[0])[0]
-            parts: Any = inner if is_dataclass(inner) else None
-            if parts is not None:
-                return tuple(self.part(parts, g, (*keys, k)) for k, g in enumerate(given))
+            if isinstance(inner, type) and is_dataclass(inner):
+                return tuple(self.part(inner, g, (*keys, k)) for k, g in enumerate(given))
             return tuple(self.value(inner, g, (*keys, k), f, beside) for k, g in enumerate(given))
         single = [c for c in choices if c not in many]
         if not single:
@@ -154,10 +156,10 @@ class _Reader:
                 return self.table(get_args(c)[1], given, keys, f)
         if bool in single and isinstance(given, bool):
             return given
-        if str in single and (isinstance(given, str) or float not in single):
-            if not isinstance(given, str):
-                return self.fault(keys, f"is {_shown(given)}; write a text")
+        if str in single and isinstance(given, str):
             return given
+        if str in single and float not in single:
+            return self.fault(keys, f"is {_shown(given)}; write a text")
         if float in single and isinstance(given, (int, float)) and not isinstance(given, bool):
             try:
                 return Bare(given)
@@ -167,8 +169,8 @@ class _Reader:
 
     def one_of(self, classes: list[Any], given: Any, keys: Keys) -> Any:
         """Part of one of several kinds."""
-        if not isinstance(given, Mapping):
-            return self.fault(keys, f"is {_shown(given)}; write a table")
+        if not self.is_table(given, keys):
+            return None
         by_kind = kinds(classes)
         if len(classes) == 1 and ("kind" not in given or not by_kind):
             return self.part(classes[0], given, keys)
@@ -181,8 +183,8 @@ class _Reader:
 
     def table(self, kind: Any, given: Any, keys: Keys, f: Field[Any]) -> Any:
         """Parts or values by names of a person's own."""
-        if not isinstance(given, Mapping):
-            return self.fault(keys, f"is {_shown(given)}; write a table")
+        if not self.is_table(given, keys):
+            return None
         return {k: self.value(kind, v, (*keys, k), f, given) for k, v in given.items()}
 
     def number(
@@ -353,8 +355,12 @@ def _field(kind: Any, f: Field[Any], found: dict[str, Any]) -> dict[str, Any]:
     unit, doc = f.metadata.get("unit") or "1", f.metadata.get("doc")
     plain = Key(f.name, doc, "" if unit == "1" else unit, _default(f), _range(f)) if doc else None
     said: dict[str, Any] = {"description": description(plain)} if plain else {}
-    either = list(_types(kind, f, found))
-    return said | (either[0] if len(either) == 1 else {"anyOf": either})
+    return said | _any_of(_types(kind, f, found))
+
+
+def _any_of(types: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    either = list(types)
+    return either[0] if len(either) == 1 else {"anyOf": either}
 
 
 def _types(kind: Any, f: Field[Any], found: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -366,13 +372,11 @@ def _types(kind: Any, f: Field[Any], found: dict[str, Any]) -> Iterator[dict[str
         if is_dataclass(c):
             yield _schema_of(c, found)
         elif get_origin(c) is tuple:
-            inner = list(_types(get_args(c)[0], f, found))
-            yield {"type": "array", "items": inner[0] if len(inner) == 1 else {"anyOf": inner}}
+            yield {"type": "array", "items": _any_of(_types(get_args(c)[0], f, found))}
         elif get_origin(c) is Literal:
             yield {"enum": list(get_args(c))}
         elif get_args(c):
-            inner = list(_types(get_args(c)[1], f, found))
-            values = inner[0] if len(inner) == 1 else {"anyOf": inner}
+            values = _any_of(_types(get_args(c)[1], f, found))
             yield {"type": "object", "additionalProperties": values}
         elif unit is not None and unit != "1":
             yield {"type": "string", "examples": [f"1 {unit}"]}

@@ -52,9 +52,9 @@ def load(name: str) -> Block:
     wanted = wanted or blocks[0]
     check_known(f"{path} has no block", wanted, blocks)
     try:
-        return block(content[wanted], wanted, lambda keys: _place(path, text, (wanted, *keys)))
+        return block(content[wanted], wanted, lambda keys: place_of(path, text, (wanted, *keys)))
     except Faults as error:
-        raise Faults(sorted(error.lines, key=_line)) from None
+        raise Faults(sorted(error.lines, key=line_of_fault)) from None
 
 
 def read(path: str) -> tuple[str, dict[str, Any]]:
@@ -160,9 +160,10 @@ def _dotted(name: str, keys: tuple[str, ...]) -> str:
     return ".".join([name, *(k for k in keys if k)])
 
 
-def _place(path: str, text: str, keys: tuple[str, ...]) -> str:
-    shown = tuple(k for k in keys if k)
-    return f"{path}, line {line_of(text, shown)}: {'.'.join(shown)}"
+def place_of(path: str, text: str, keys: tuple[str | int, ...]) -> str:
+    """File, line and path of what stands at some keys."""
+    shown = tuple(k for k in keys if k != "")
+    return f"{path}, line {line_of(text, shown)}: {'.'.join(map(str, shown))}"
 
 
 def line_of(text: str, keys: tuple[str | int, ...]) -> int:
@@ -195,7 +196,7 @@ def line_of(text: str, keys: tuple[str | int, ...]) -> int:
     return best
 
 
-def _line(fault: str) -> int:
+def line_of_fault(fault: str) -> int:
     """Line that a fault names."""
     match = re.search(r", line (\d+): ", fault)
     return int(match[1]) if match else 0

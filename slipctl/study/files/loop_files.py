@@ -6,19 +6,17 @@ import json
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from slipctl.block.block import Block
 from slipctl.block.shared_numbers import targets
+from slipctl.block.signals import Signal
 from slipctl.errors import BadInput
+from slipctl.run.rail import Scenario
 from slipctl.run.scenario_inputs import loop_at_start
 from slipctl.study.request import Request
-
-if TYPE_CHECKING:
-    from slipctl.block.block import Block
-    from slipctl.block.signals import Signal
-    from slipctl.run.rail import Scenario
 
 BOUND = "ideal"
 """Loop that the others of a study are measured against; a file takes it along."""
@@ -75,7 +73,11 @@ def loop_file_text(name: str, file: str) -> str:
         *_inputs(loop, scenario),
     ]
     made = {n: loop_at_start(block, scenario) for n, block in loops.items()}
-    numbers = {n: list(_plain(made[n], _ruled(b, scenario))) for n, b in loops.items()}
+    numbers = {}
+    for n, block in loops.items():  # those that stand for themselves, and the rail leaves alone
+        ruled = ruled_numbers(block, scenario)
+        every = _plain_of(made[n].params, made[n].param_values())
+        numbers[n] = [row for row in every if row[0] not in ruled]
     all_have = {n for n, _, _ in numbers[short] if not n.startswith(own)}
     lines += _table("numbers", [row for row in numbers[short] if row[0] in all_have])
     lines += _table("start", [
@@ -89,13 +91,6 @@ def loop_file_text(name: str, file: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _plain(loop: Block, ruled: set[str]) -> Iterator[Row]:
-    """Parameters that have a number which stands for itself, and which the rail leaves alone."""
-    for row in _plain_of(loop.params, loop.param_values()):
-        if row[0] not in ruled:
-            yield row
-
-
 def _plain_of(signals: Mapping[str, Signal], values: Mapping[str, Any]) -> Iterator[Row]:
     for n, s in signals.items():
         free = not (s.derived or isinstance(s.value, str) or s.value is None)
@@ -103,7 +98,7 @@ def _plain_of(signals: Mapping[str, Signal], values: Mapping[str, Any]) -> Itera
             yield n, values[n], s
 
 
-def _ruled(loop: Block, scenario: Scenario) -> set[str]:
+def ruled_numbers(loop: Block, scenario: Scenario) -> set[str]:
     """Numbers that the rail sets, section by section or by its conditions."""
     found = {n for values in loop.conditions.values() for n in values}
     for section in scenario.rail.sections if scenario.rail else ():

@@ -8,25 +8,27 @@ import io
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slipctl.errors import BadInput
+from slipctl.draw import live, plots
+from slipctl.draw.live import Live
 from slipctl.run import store
 from slipctl.run.results import Results
-from slipctl.study.failure_log import note_failure
+from slipctl.study.failures import note_failure
 from slipctl.study.jobs import Cores, Job, Outcome, run_jobs
 from slipctl.study.provenance import provenance, stamp
+from slipctl.study.report import report_page
 from slipctl.study.report.texts import tolerance_text, values_beyond_limit
 from slipctl.study.verdicts import Verdict
 
 if TYPE_CHECKING:
     import xarray
 
-    from slipctl.draw.live import Live
 
 message = logging.getLogger("slipctl")
 
@@ -105,22 +107,6 @@ def _cells(column: np.ndarray) -> tuple[str, list[Any]]:
     return "%s", np.repeat(texts, np.diff(begins, append=len(column))).tolist()
 
 
-def read_log(path: Path) -> xarray.Dataset:
-    """Read a log that :func:`draft_log` wrote.
-
-    Raises:
-        BadInput: no such file, or a newer format.
-    """
-    import xarray
-
-    try:
-        with xarray.open_dataset(path, engine="netcdf4") as data:
-            store.check_format(str(path), data.attrs.get("format"))
-            return data.load()
-    except OSError as error:
-        raise BadInput(f"cannot read {path}: {error.strerror or error}") from None
-
-
 def save_metrics(results: Results, out: Path, command: str, state: str = "") -> None:
     """Write ``metrics.json``; ``state`` says what a run is that did not come to its end."""
     scenarios = {
@@ -133,27 +119,30 @@ def save_metrics(results: Results, out: Path, command: str, state: str = "") -> 
         }
         for s, loops in results.metrics.items()
     }
-    payload: dict[str, Any] = {"study": results.study.name, "quick": results.quick}
-    if state:
-        payload["state"] = state
-    payload["scenarios"] = scenarios
+    content: dict[str, Any] = {"scenarios": scenarios}
     if results.study.limits:
-        payload["limits"] = dict(results.study.limits)
-        payload["above_limits"] = {s: values_beyond_limit(results, s) for s in results.metrics}
+        content["limits"] = dict(results.study.limits)
+        content["above_limits"] = {s: values_beyond_limit(results, s) for s in results.metrics}
     if results.failed:
-        payload["failed"] = results.failed
-    store.write_json(out / "metrics.json", payload | provenance(results, command))
+        content["failed"] = results.failed
+    _write(results, out / "metrics.json", command, content, state)
+
+
+def _write(
+    results: Results, file: Path, command: str, content: Mapping[str, Any], state: str = ""
+) -> None:
+    """Write what a file holds between what it is of and where it comes from."""
+    head = {"study": results.study.name, "quick": results.quick}
+    told = {"state": state} if state else {}
+    store.write_json(file, {**head, **told, **content, **provenance(results, command)})
 
 
 def save_claims(
     results: Results, verdicts: Sequence[Verdict], out: Path, command: str, state: str = ""
 ) -> None:
     """Write ``claims.json``; ``state`` as in :func:`save_metrics`."""
-    payload: dict[str, Any] = {"study": results.study.name, "quick": results.quick}
-    if state:
-        payload["state"] = state
-    payload["claims"] = [claim_row(v) for v in verdicts]
-    store.write_json(out / "claims.json", payload | provenance(results, command))
+    rows = [claim_row(v) for v in verdicts]
+    _write(results, out / "claims.json", command, {"claims": rows}, state)
 
 
 def claim_row(v: Verdict) -> dict[str, Any]:
@@ -185,11 +174,10 @@ def save_tables(results: Results, out: Path, command: str) -> None:
         }
         for experiment, tables in results.tables.items()
     }
-    payload = {"study": results.study.name, "quick": results.quick, "experiments": rows}
-    store.write_json(out / "tables.json", payload | provenance(results, command))
+    _write(results, out / "tables.json", command, {"experiments": rows})
 
 
-Drawn = tuple[str, "Live | None"]
+Drawn = tuple[str, Live | None]
 """A figure as SVG, and its curves where it shows lines over time."""
 
 
@@ -197,24 +185,17 @@ def figure_jobs(results: Results, out: Path, command: str) -> dict[str, Callable
     """Jobs by file stem that each draw a figure, write it, and give what a page shows of it."""
     text = stamp(results, command)
 
-    def job(stem: str) -> Callable[[Any], Drawn]:
-        def draw(tell: Any) -> Drawn:
-            from slipctl.draw import live, plots
+    def draw(stem: str, tell: Any) -> Drawn:
+        fig = results.study.figures[stem].draw(results)
+        if results.quick:
+            plots.mark_quick(fig)
+        return plots.save(fig, out / "figures", stem, text), live.of_figure(fig)
 
-            fig = results.study.figures[stem].draw(results)
-            if results.quick:
-                plots.mark_quick(fig)
-            return plots.save(fig, out / "figures", stem, text), live.of_figure(fig)
-
-        return draw
-
-    return {stem: job(stem) for stem in results.study.figures}
+    return {stem: partial(draw, stem) for stem in results.study.figures}
 
 
 def section_jobs(results: Results) -> dict[str, Job[Any]]:
     """Sections of the page that need no run, by name; what they give goes to :func:`save_pages`."""
-    from slipctl.study.report import report_page
-
     return _sections(report_page.constant(results))
 
 
@@ -223,10 +204,10 @@ def save_pages(
     judged: Callable[[], Sequence[Verdict]],
     out: Path,
     command: str,
-    cores: Cores | None = None,
-    sections: Mapping[str, Outcome[Any]] | None = None,
-) -> dict[str, str]:
-    """Draw the figures, write them and ``report_page.html``; gives the SVG by file stem.
+    cores: Cores,
+    there: Mapping[str, Outcome[Any]],
+) -> None:
+    """Draw the figures, write them and ``report.html``.
 
     A figure that asks for what was not run is left out; one that breaks is noted as failed.
 
@@ -236,20 +217,16 @@ def save_pages(
         out: folder of the run.
         command: command line.
         cores: what the figures are drawn on.
-        sections: outcomes of :func:`section_jobs` that are there; the others are written here.
+        there: outcomes of :func:`section_jobs`; those that lack are written here.
     """
-    from slipctl.draw import plots
-    from slipctl.study.report import report_page
-
     plots.load()  # once, before the processes part
     figures = figure_jobs(results, out, command)
     jobs: dict[str, Job[Any]] = {f"figure {stem}": job for stem, job in figures.items()}
-    there = sections or {}
     jobs |= _sections(report_page.of_runs(results))
     jobs |= {n: j for n, j in section_jobs(results).items() if n not in there}
     done: dict[str, Any] = {}
     left: list[str] = []
-    with closing(run_jobs(jobs, cores or Cores(1), lambda name, share: None, judged)) as outcomes:
+    with closing(run_jobs(jobs, cores, lambda name, share: None, judged)) as outcomes:
         for name, outcome in chain(there.items(), outcomes):
             with note_failure(results, name, left):
                 done[name] = outcome.get()
@@ -261,26 +238,12 @@ def save_pages(
     drawn = {stem: svg for stem, (svg, _) in both.items()}
     curves = {stem: live for stem, (_, live) in both.items() if live is not None}
     texts = {n.removeprefix(PAGE): t for n, t in done.items() if n.startswith(PAGE)}
-    store.write_text(
-        out / "report.html",
-        report_page.page(results, judged(), drawn, command, texts, curves=curves),
-    )
-    return drawn
+    page = report_page.page(results, judged(), drawn, command, texts, curves=curves)
+    store.write_text(out / "report.html", page)
 
 
 def _sections(parts: Mapping[str, Callable[[], str]]) -> dict[str, Job[Any]]:
-    def job(write: Callable[[], str]) -> Job[Any]:
-        return lambda tell: write()
+    def job(write: Callable[[], str], tell: Any) -> str:
+        return write()
 
-    return {PAGE + name: job(write) for name, write in parts.items()}
-
-
-def save_stopped(
-    results: Results, verdicts: Sequence[Verdict], out: Path, command: str, state: str
-) -> None:
-    """Write the page of a run that was stopped: what was measured, at once and without figures."""
-    from slipctl.study.report import report_page
-
-    store.write_text(
-        out / "report.html", report_page.page(results, verdicts, {}, command, {}, state)
-    )
+    return {PAGE + name: partial(job, write) for name, write in parts.items()}

@@ -6,6 +6,7 @@ the parts that are registered for them; a fault is told with its line, and all f
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -17,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 from slipctl import registry
 from slipctl.errors import BadInput, Faults
 from slipctl.run.results import Case, Loops
-from slipctl.study.files import equation_files
+from slipctl.study.files import declared_parts, equation_files
+from slipctl.study.files.declared_parts import Key, description, range_text
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
     from slipctl.block.signals import Signal
     from slipctl.study.declaration import Study
-    from slipctl.study.files.declared_parts import Key
 
 
 def is_trip(path: str) -> bool:
@@ -55,8 +56,6 @@ def load_trip(path: str) -> Any:
 @lru_cache(maxsize=8)  # of the text: a file may be edited while slipctl runs
 def _trip(path: str, text: str) -> Any:
     """Trip of a text, which stands in that file."""
-    from slipctl.study.files import declared_parts
-
     content = files_beside(tomllib.loads(text), Path(path).parent)
     if content and not set(content) & {f.name for f in fields(vehicle_files().root(content))}:
         raise BadInput(
@@ -68,7 +67,7 @@ def _trip(path: str, text: str) -> Any:
         faults = vehicle_files().faults(trip)
     if faults:
         lines = [_line(path, text, keys, why) for keys, why in faults]
-        raise Faults(sorted(lines, key=_number))
+        raise Faults(sorted(lines, key=equation_files.line_of_fault))
     return trip
 
 
@@ -102,15 +101,7 @@ def vehicle_files() -> Any:
 
 def _line(path: str, text: str, keys: tuple[str | int, ...], why: str) -> str:
     """Fault with file, line and path."""
-    dotted = ".".join(str(k) for k in keys)
-    if not dotted:
-        return f"{path}: {why}"
-    return f"{path}, line {equation_files.line_of(text, keys)}: {dotted}: {why}"
-
-
-def _number(line: str) -> int:
-    found = re.search(r", line (\d+): ", line)
-    return int(found[1]) if found else 0
+    return f"{equation_files.place_of(path, text, keys) if keys else path}: {why}"
 
 
 def load(path: str) -> Study:
@@ -158,7 +149,6 @@ def _loop(path: str, text: str, loops: Mapping[str, Block], name: str) -> Block:
 
 def gain_keys(found: Sequence[Signal]) -> list[Key]:
     """Gains of a law that a file may set, as keys; last names where they are alone."""
-    from slipctl.study.files.declared_parts import Key, range_text
     from slipctl.study.report.texts import number
 
     last = [s.name.rpartition(".")[2] for s in found]
@@ -169,25 +159,16 @@ def gain_keys(found: Sequence[Signal]) -> list[Key]:
     ]  # fmt: skip
 
 
-def _schema_of_gains(kind: str, doc: str, found: Sequence[Signal]) -> dict[str, Any]:
-    """What a controller of this kind may have: its law in a sentence, and each gain."""
-    from slipctl.study.files.declared_parts import description
-
-    given = {k.name: {"description": description(k)} for k in gain_keys(found)}
-    return {"if": {"properties": {"kind": {"const": kind}}, "required": ["kind"]},
-            "then": {"description": doc, "properties": given}}  # fmt: skip
-
-
 def schema_text() -> str:
     """JSON schema of such files, as text."""
-    import json
-
-    from slipctl.study.files import declared_parts
-
     files = vehicle_files()
     said = declared_parts.schema(files.roots, "A vehicle on its way, as slipctl reads it")
     for part in said["$defs"].values():
-        laws = {k: law for k in part["properties"].get("kind", {}).get("enum", ())
-                if (law := files.law_of_kind(k)) is not None}  # fmt: skip
-        part |= {"allOf": [_schema_of_gains(k, *law) for k, law in laws.items()]} if laws else {}
+        for kind in part["properties"].get("kind", {}).get("enum", ()):
+            if (law := files.law_of_kind(kind)) is not None:  # in a sentence, and each gain
+                given = {k.name: {"description": description(k)} for k in gain_keys(law[1])}
+                part.setdefault("allOf", []).append({
+                    "if": {"properties": {"kind": {"const": kind}}, "required": ["kind"]},
+                    "then": {"description": law[0], "properties": given},
+                })  # fmt: skip
     return json.dumps(said, indent=1, ensure_ascii=False) + "\n"

@@ -1,10 +1,17 @@
-"""How the pages of results look: their style, and what stands around each of them."""
+"""How the pages of results look: their style, tables and pictures, and what is around them."""
 
 from __future__ import annotations
 
+import base64
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from typing import Any
 
 from slipctl import __version__
+from slipctl.block.block import Block
+from slipctl.block.text.failures import FAILURE_HEAD, failures_of
+from slipctl.draw import live
 
 STYLE = """
 :root { --ink: #1c1c1c; --soft: #5b6168; --line: #d9dde1; --fill: #f5f6f8; --blue: #0072B2;
@@ -80,3 +87,76 @@ def html_page(title: str, said: str, body: str, style: str = STYLE, head: str = 
 </body>
 </html>
 """
+
+
+class Html:
+    """Text that is markup already."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[Any]], numbers: Sequence[int] = ()) -> str:
+    """Write a table; columns in ``numbers`` are aligned to the right, cells may be ``Html``."""
+
+    def cell(tag: str, k: int, value: Any) -> str:
+        mark = ' class="n"' if k in numbers else ""
+        text = value.text if isinstance(value, Html) else escape(str(value))
+        return f"<{tag}{mark}>{text}</{tag}>"
+
+    top = "".join(cell("th", k, h) for k, h in enumerate(head))
+    body = "".join(
+        "<tr>" + "".join(cell("td", k, v) for k, v in enumerate(row)) + "</tr>" for row in rows
+    )
+    return (
+        f'<div class="wide"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+    )
+
+
+def image(svg: str, alt: str) -> str:
+    """SVG as an image inside the page."""
+    data = base64.b64encode(svg.encode()).decode()
+    return f'<img alt="{escape(alt)}" src="data:image/svg+xml;base64,{data}">'
+
+
+def figure(
+    svg: str, alt: str, said: str, curves: live.Live | None, points: int = live.POINTS,
+    key: str = "",
+) -> str:  # fmt: skip
+    """Picture with its caption, and the curves that a page with ``live.script()`` zooms into.
+
+    Args:
+        svg: the picture.
+        alt: what it shows, for who cannot see it.
+        said: caption, as markup.
+        curves: what zooms; None where nothing does.
+        points: that each curve keeps.
+        key: name of the place in the page.
+    """
+    data = ""
+    if curves:
+        data = f'<script type="application/json">{live.text(curves, points)}</script>'
+        said += "".join(f"<br>{escape(line)}." for line in curves.hidden)
+    named = f' id="{escape(key)}"' if key else ""
+    caption = f"<figcaption>{said}</figcaption>"
+    return f"<figure{named}>{image(svg, alt)}{data}{caption}</figure>"
+
+
+def code_html(text: str) -> str:
+    """Text as markup, whose names in backquotes are code."""
+    return re.sub(r"`(.+?)`", r"<code>\1</code>", escape(text, quote=False))
+
+
+def failure_tables(loops: Mapping[str, Block]) -> str:
+    """What each loop, by name, does when something fails, as its parts declare it; folded."""
+    by_rows: dict[tuple[tuple[str, ...], ...], list[str]] = {}
+    for name, loop in loops.items():
+        if rows := failures_of(loop):
+            by_rows.setdefault(tuple(rows), []).append(name)
+    out = []
+    for told, names in by_rows.items():
+        head = f"What {', '.join(names)} {'do' if names[1:] else 'does'} when something fails"
+        cells = [[Html(code_html(text)) for text in row] for row in told]
+        out.append(f"<details><summary>{escape(head)}</summary>{table(FAILURE_HEAD, cells)}")
+        out.append("</details>")
+    return "".join(out)

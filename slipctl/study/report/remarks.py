@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
-from typing import Any
 
 import numpy as np
 
@@ -27,11 +26,6 @@ KMH = 3.6
 
 
 # ---- a line for each controller ------------------------------------------------------------------
-
-
-def answer_lines(results: Results, scenario: str) -> dict[str, str]:
-    """What each loop reached in a scenario, in a line, by loop."""
-    return {loop: answer_line(results, scenario, loop) for loop in results.metrics[scenario]}
 
 
 def answer_line(results: Results, scenario: str, loop: str) -> str:
@@ -97,7 +91,7 @@ def estimator_remarks(results: Results) -> list[Remark]:
     found = []
     for scenario, logs in results.data.items():
         for loop, log in logs.items():
-            off = _estimates_off(log)
+            off = [EstimateOff(**row) for row in json.loads(log.attrs.get("estimates_off") or "[]")]
             if not off:
                 continue
             longest = max(off, key=lambda e: e.stop - e.start)
@@ -108,11 +102,6 @@ def estimator_remarks(results: Results) -> list[Remark]:
             text = f"the estimated {longest.what}{axle} was wrong {when}; {said}"
             found.append(Remark(scenario, loop, text, tuple(e.numbers for e in off), held))
     return found
-
-
-def _estimates_off(log: Any) -> list[EstimateOff]:
-    text = log.attrs.get("estimates_off", "")
-    return [EstimateOff(**row) for row in json.loads(text)] if text else []
 
 
 def _fared(run: Run, off: EstimateOff) -> tuple[bool, str]:
@@ -127,19 +116,13 @@ def _fared(run: Run, off: EstimateOff) -> tuple[bool, str]:
     if locked.any():
         return False, f"wheels locked for {number(run.tick * np.count_nonzero(locked), 3)} s then"
     rest = run.moving & ~then
-    if (
-        error is not None
-        and then.any()
-        and rest.any()
-        and rms(error[then]) <= HELD * rms(error[rest])
-    ):
+    known = error if then.any() and rest.any() else None
+    if known is not None and rms(known[then]) <= HELD * rms(known[rest]):
         return True, "the controller held the slip all the same"
     factor, unit = display_scale(run.unit("slip"))
     most = number(factor * float(signed[then].max()) if then.any() else 0.0, 3)
-    return (
-        False,
-        f"the slip came to {most}{'' if unit == '1' else ' ' + unit} then, no wheel locked",
-    )
+    said = most if unit == "1" else f"{most} {unit}"
+    return False, f"the slip came to {said} then, no wheel locked"
 
 
 def warnings_of_runs(results: Results) -> list[tuple[str, str]]:
@@ -181,7 +164,7 @@ def answer_html(results: Results) -> str:
         return f"<p><b>In short.</b> {escape(results.study.short)}</p>"
     if results.study.claims:
         return ""
-    lines = [line for s in results.metrics for line in answer_lines(results, s).values()]
+    lines = [answer_line(results, s, n) for s, loops in results.metrics.items() for n in loops]
     return f"<ul>{''.join(f'<li>{escape(line)}.</li>' for line in lines)}</ul>" if lines else ""
 
 

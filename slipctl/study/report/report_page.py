@@ -6,26 +6,34 @@ prints. The one script lets figures over time zoom; without it, and on paper, th
 
 from __future__ import annotations
 
-import base64
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from slipctl import __version__
+from slipctl.block.block import Block
 from slipctl.block.units.unit_algebra import display_scale
-from slipctl.draw import live, mathml
+from slipctl.draw import live, mathml, show
 from slipctl.draw.plots import pretty
 from slipctl.run import store
 from slipctl.run.metrics import METRICS
 from slipctl.run.results import Results
 from slipctl.study.declaration import FAILED, OPEN, REPRODUCED
 from slipctl.study.provenance import provenance
-from slipctl.study.report.failure_tables import Html, failure_tables
-from slipctl.study.report.page_style import STYLE, html_page
+from slipctl.study.report.page_style import (
+    STYLE,
+    Html,
+    code_html,
+    failure_tables,
+    figure,
+    html_page,
+    image,
+    table,
+)  # fmt: skip
 from slipctl.study.report.remarks import answer_html, remarks_html, warnings_of_runs
 from slipctl.study.report.texts import (
     absent,
@@ -43,9 +51,6 @@ from slipctl.study.report.texts import (
     verdicts_of_run,
 )
 from slipctl.study.verdicts import Verdict
-
-if TYPE_CHECKING:
-    from slipctl.block.block import Block
 
 LOOPS = 7
 """Loops beside each other in a table of metrics; the others get a table below it."""
@@ -145,23 +150,6 @@ def _paragraphs(text: str) -> str:
     return "".join(out)
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[Any]], numbers: Sequence[int] = ()) -> str:
-    """Write a table; columns in ``numbers`` are aligned to the right, cells may be ``Html``."""
-
-    def cell(tag: str, k: int, value: Any) -> str:
-        mark = ' class="n"' if k in numbers else ""
-        text = value.text if isinstance(value, Html) else escape(str(value))
-        return f"<{tag}{mark}>{text}</{tag}>"
-
-    top = "".join(cell("th", k, h) for k, h in enumerate(head))
-    body = "".join(
-        "<tr>" + "".join(cell("td", k, v) for k, v in enumerate(row)) + "</tr>" for row in rows
-    )
-    return (
-        f'<div class="wide"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
-    )
-
-
 def _claims(verdicts: Sequence[Verdict]) -> str:
     marks = {REPRODUCED: "yes", FAILED: "no", OPEN: "open"}
     rows = []
@@ -224,39 +212,8 @@ def _told(label: str) -> Html | str:
     name = re.split(r" \[|,", label)[0]
     if name not in METRICS:
         return label
-    meaning = METRICS[name].meaning
-    said = re.sub(r"`(.+?)`", r"<code>\1</code>", escape(meaning, quote=False))
-    said = f'<p class="soft">{said}</p>'
+    said = f'<p class="soft">{code_html(METRICS[name].meaning)}</p>'
     return Html(f"<details><summary>{escape(label)}</summary>{said}</details>")
-
-
-def image(svg: str, alt: str) -> str:
-    """SVG as an image inside the page."""
-    data = base64.b64encode(svg.encode()).decode()
-    return f'<img alt="{escape(alt)}" src="data:image/svg+xml;base64,{data}">'
-
-
-def figure(
-    svg: str, alt: str, said: str, curves: live.Live | None, points: int = live.POINTS,
-    key: str = "",
-) -> str:  # fmt: skip
-    """Picture with its caption, and the curves that a page with ``live.script()`` zooms into.
-
-    Args:
-        svg: the picture.
-        alt: what it shows, for who cannot see it.
-        said: caption, as markup.
-        curves: what zooms; None where nothing does.
-        points: that each curve keeps.
-        key: name of the place in the page.
-    """
-    data = ""
-    if curves:
-        data = f'<script type="application/json">{live.text(curves, points)}</script>'
-        said += "".join(f"<br>{escape(line)}." for line in curves.hidden)
-    named = f' id="{escape(key)}"' if key else ""
-    caption = f"<figcaption>{said}</figcaption>"
-    return f"<figure{named}>{image(svg, alt)}{data}{caption}</figure>"
 
 
 def _figures(results: Results, figures: Mapping[str, str], curves: Mapping[str, live.Live]) -> str:
@@ -290,8 +247,6 @@ def _experiments(results: Results) -> str:
 
 def distinct_loops(results: Results) -> dict[str, Block]:
     """Loops by name; where a scenario has another form of one, by ``loop in scenario``."""
-    from slipctl.draw import show
-
     found: dict[str, Block] = {}
     for case in results.cases:
         for name, loop in case.loops.items():
@@ -341,7 +296,7 @@ def _loops(results: Results) -> str:
         drawing = image(diagram.levels_svg([levels[key]]), f"block diagram of {said}")
         head = f"<summary>Inside {escape(said)}</summary>"
         out.append(f"<details>{head}<div class='diagram'>{drawing}</div></details>")
-    return "".join(out) + failure_tables(loops, table)
+    return "".join(out) + failure_tables(loops)
 
 
 def _composites(block: Block, path: str = "") -> Iterator[tuple[str, Block]]:
@@ -375,8 +330,6 @@ def _places(places: Sequence[str], loops: Sequence[str]) -> str:
 
 def _equations(results: Results) -> str:
     """Every distinct block without parts once, with the loops and paths where it is used."""
-    from slipctl.draw import show
-
     seen: dict[str, tuple[Block, list[str]]] = {}
     loops = distinct_loops(results)
     for name, loop in loops.items():
@@ -400,8 +353,6 @@ def _meaning(block: Block) -> str:
 
 def equations(block: Block) -> str:
     """Equations of a block without parts, as MathML."""
-    from slipctl.draw import show
-
     rows = []
     for left, right in mathml.page(show.latex(block)):
         cells = [f'<math displaystyle="true">{s}</math>' if s else "" for s in (left, right)]

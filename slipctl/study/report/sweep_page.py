@@ -18,8 +18,7 @@ from slipctl.draw.looks import pretty
 from slipctl.run.metrics import METRICS
 from slipctl.run.sweep.spread import limits_missed, quantiles
 from slipctl.run.sweep.sweep_results import Sweep
-from slipctl.study.report.page_style import html_page
-from slipctl.study.report.report_page import image, table
+from slipctl.study.report.page_style import html_page, image, table
 from slipctl.study.report.texts import number, number_or_never, with_unit
 
 SHARES = (0.0, 0.05, 0.5, 0.95, 1.0)

@@ -168,16 +168,11 @@ def wrap_table(rows: Sequence[Sequence[str]], widths: Sequence[int] | None = Non
     return "\n".join(out)
 
 
-def metric_rows(results: Results, scenario: str) -> list[list[str]]:
-    """Table of one scenario: a metric per row, a loop per column, the head first."""
-    return [cells for cells, _ in ranked_rows(results, scenario)]
-
-
 def ranked_rows(results: Results, scenario: str) -> list[tuple[list[str], list[int]]]:
-    """The same rows, each with the columns that hold its best number.
+    """Table of one scenario: a metric per row, a loop per column, the head first.
 
-    The bound, ``ideal``, is no competitor. No column is the best where all say the same, and
-    where a metric has no better end.
+    With each row go the columns that hold its best number. The bound, ``ideal``, is no competitor.
+    No column is the best where all say the same, and where a metric has no better end.
     """
     loops, limits = results.metrics[scenario], getattr(results.study, "limits", {})
     above, failed = values_beyond_limit(results, scenario), failed_loops(results, scenario)
@@ -339,7 +334,7 @@ def absent(results: Results, scenario: str) -> list[str]:
 
 def metric_table(results: Results, scenario: str, width: int = 132) -> str:
     """Metrics of one scenario as text; loops that do not fit beside the others go below them."""
-    rows = metric_rows(results, scenario)
+    rows = [cells for cells, _ in ranked_rows(results, scenario)]
     wide = widths_of(rows)
     lines, limits = [f"scenario {scenario}"], getattr(results.study, "limits", {})
     for group in side_by_side(wide, width - 2):

@@ -8,12 +8,11 @@ from pathlib import Path
 from slipctl.errors import BadInput
 from slipctl.run.logs.recorded_log import Recording, read_recording
 from slipctl.workbench.answers import Answers, Head, Request
+from slipctl.workbench.command_lines import word, words_of_replay
 from slipctl.workbench.curves import Curves, Panel, Series, frame
 
 MOST = 24
 """Columns that are drawn, the first ones."""
-
-LOOP_OF_LOG = "a part of a loop, such as metro.toml:pid.ctl"
 
 
 def curves_of_recording(log: Recording) -> tuple[Curves, list[str]]:
@@ -44,6 +43,7 @@ class LogAnswers(Answers):
 
     kinds = ("run", "model", "doubts", "command")
     without = "a recorded log has no model; open a vehicle's file"
+    stopped = "stopped"
 
     def __init__(self, path: str, folder: str) -> None:
         self.path, self.folder = Path(path), Path(folder).resolve()
@@ -51,19 +51,16 @@ class LogAnswers(Answers):
 
     def model(self, request: Request) -> Iterator[Head]:
         """Name of the log; it has no numbers that can be moved."""
+        beside = sorted(self.folder.glob("*.toml"))  # the part to replay, to begin with, is of one
+        part = f"{beside[0].name}:LOOP.ctl" if beside else "hst_braking:eppfc.ctl.filter"
         yield {
             "end": True, "home": self.path.name, "title": f"recorded log {self.path}",
             "doc": "", "text": None, "loops": [["log", ""]], "loop": "log", "scenario": "",
             "sliders": [], "limits": {}, "controller": "", "ensemble": False,
             "certificates": {"names": [], "why": "a recorded log has no gains"},
             "tick": self.log.spacing, "folder": str(self.folder), "log": self.path.name,
-            "part": self._part(),
+            "part": part,
         }  # fmt: skip
-
-    def _part(self) -> str:
-        """Part to replay, to begin with: of the first vehicle's file beside the log."""
-        found = sorted(self.folder.glob("*.toml"))
-        return f"{found[0].name}:LOOP.ctl" if found else "hst_braking:eppfc.ctl.filter"
 
     def run(self, request: Request) -> Iterator[bytes | Head]:
         """Columns of the log over time."""
@@ -76,21 +73,9 @@ class LogAnswers(Answers):
         """How the log was read, and what had to be decided."""
         yield {"end": True, "warnings": curves_of_recording(self.log)[1]}
 
-    def command(self, request: Request) -> Iterator[bytes | Head]:
-        """Replay of a part of a loop over the log."""
-        from slipctl.workbench import command_lines
-
-        asked = str(request.get("command"))
-        if asked == "stop":
-            yield {"end": True, "command": asked, "said": "stopped"}
-            return
+    def _words(self, asked: str, request: Request) -> tuple[list[str], Path]:
         if asked != "replay":
             raise BadInput(f"{asked[:40]} needs a loop; open a vehicle's file or a study")
-        words, out = command_lines.words_of_replay(
-            self.path, command_lines.word(request, "part", LOOP_OF_LOG),
-            self.folder / "out" / f"{self.path.stem}_replay", request,
-        )  # fmt: skip
-        said: Head = {}
-        for said in command_lines.run_command(words):
-            yield {"command": asked, **said} if "progress" in said else b""
-        yield from command_lines.told_replay(said, out, self.folder)
+        part = word(request, "part", "a part of a loop, such as metro.toml:pid.ctl")
+        out = self.folder / "out" / f"{self.path.stem}_replay"
+        return words_of_replay(self.path, part, out, request)

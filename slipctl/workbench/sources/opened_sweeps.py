@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from slipctl.block.units.unit_algebra import display_scale, parse_quantity
 from slipctl.errors import BadInput
@@ -15,10 +14,9 @@ from slipctl.run.sweep.sweep_results import Sweep, open_sweep
 from slipctl.study import resolve
 from slipctl.study.case_setup import Setting
 from slipctl.workbench.answers import Answers, Head, Request
+from slipctl.workbench.curves import finite
 from slipctl.workbench.desk import Desk
-
-if TYPE_CHECKING:
-    from slipctl.workbench.sliders import Slider
+from slipctl.workbench.sliders import Slider
 
 MOST = 5000
 """Runs that a page gets, the first ones."""
@@ -56,7 +54,7 @@ def rows_of_sweep(found: Sweep, sliders: Sequence[Slider]) -> dict[str, Any]:
     scales = {n: display_scale(found.units[n][0]) for n in names}
     runs: list[dict[str, Any]] = []
     for run, numbers, metrics, why in found.runs[:MOST]:
-        values = [_plain(value_in_run(n, metrics) * scales[n][0]) for n in names]
+        values = [finite(value_in_run(n, metrics) * scales[n][0]) for n in names]
         mine = {n: v for n, v in numbers.items() if n in units}
         runs.append({"run": run, "numbers": {**given, **mine}, "all": dict(numbers),
                      "metrics": values, "failed": why})  # fmt: skip
@@ -65,18 +63,11 @@ def rows_of_sweep(found: Sweep, sliders: Sequence[Slider]) -> dict[str, Any]:
     return {
         "folder": str(found.folder), "missing": found.missing, "axes": sorted(moved), "runs": runs,
         "metrics": [{"key": n, "name": n.replace("_", " "), "unit": scales[n][1],
-                     "limit": _scaled(found.limits.get(n), scales[n][0])} for n in names],
+                     "limit": scales[n][0] * found.limits[n] if n in found.limits else None}
+                    for n in names],
         "kept": str(found.kept) if found.kept else "", "command": found.about.get("command", ""),
         "lost": lost, "swapped": found.about.get("swapped") or [],
     }  # fmt: skip
-
-
-def _plain(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _scaled(value: float | None, scale: float) -> float | None:
-    return None if value is None else scale * value
 
 
 class SweepAnswers(Answers):

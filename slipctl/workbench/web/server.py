@@ -14,9 +14,9 @@ from typing import Any
 
 from slipctl.errors import BadInput
 from slipctl.workbench.curves import frame
+from slipctl.workbench.questions import question_of_text
 from slipctl.workbench.sources.openings import Opening
 from slipctl.workbench.web.guard import LONGEST, Bucket, Guard
-from slipctl.workbench.web.messages import question_of_text
 from slipctl.workbench.web.windows import Window
 
 HOST = "127.0.0.1"

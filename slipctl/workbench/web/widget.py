@@ -6,12 +6,14 @@ import weakref
 from collections import deque
 from collections.abc import Sequence
 from functools import cache
+from importlib.resources import files
 from typing import Any
 
 from slipctl.errors import BadInput
+from slipctl.workbench.questions import question_of_text
 from slipctl.workbench.sources.openings import opening_of_name
 from slipctl.workbench.web.guard import LONGEST
-from slipctl.workbench.web.messages import question_of_text
+from slipctl.workbench.web.notebook_page import page_text
 from slipctl.workbench.web.windows import Window
 
 HEIGHT = 720
@@ -28,7 +30,6 @@ def _widget_class() -> Any:
         import traitlets
     except ImportError as error:
         raise BadInput(f"a widget needs {error.name}; pip install 'slipctl[notebook]'") from None
-    from importlib.resources import files
 
     class Workbench(anywidget.AnyWidget):
         """The page of ``slipctl open`` in a cell; its runs go on in processes beside the kernel."""
@@ -114,7 +115,5 @@ def open(
     Raises:
         BadInput: there is no such thing; the extra ``notebook`` is not installed.
     """
-    from slipctl.workbench.web.notebook_page import page_text
-
     made = _widget_class()
     return made(CellWindow(opening_of_name(name, files, compile)), page=page_text(), height=height)
