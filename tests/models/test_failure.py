@@ -430,7 +430,7 @@ def _commanded(mode, driven, x, u, p):
     relied = u["ready"] > 0.5 and u["sound"] > 0.5 and held and u["v"] >= p["v_off"]
     if relied:
         wanted = 0.0 if u["test"] > 0.5 else min(u["T_slip"], top)
-    elif mode == "demand" or (u["ready"] > 0.5 and (held or not driven)):
+    elif mode == "demand" or (u["ready"] > 0.5 and (not driven or (held and u["sound"] > 0.5))):
         wanted = top
     else:
         wanted = min(x["T_h"] if mode == "hold" else float(mode), top)
