@@ -376,7 +376,10 @@ def _axle(trip: Trip, part: Controller, w: Wheel) -> tuple[dict[str, Block], dic
         "meter": sensors.adhesion_meter(ticks_of(WINDOW, trip), "sampled", noise=False),
         "force": form.force,
         "fall": form.fall,
-        "law": contained_block(law_block if gated_inside else gated(law_block)),
+        "law": contained_block(
+            law_block if gated_inside else gated(law_block),
+            "the demand" if trip.vehicle.mode == "brake" else "the safe output",
+        ),
         "wake": wake(always).with_params(
             share=settings.wake, least=settings.least, v_off=settings.off
         ),

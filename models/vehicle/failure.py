@@ -138,6 +138,7 @@ def _speed(
     sensed = logic_and(car.sensor(), car.near)
     for a in own:
         a.judge(if_else(sensed, car.given, car.predicted), sensed)
+    car.take_back(own)
     dead = sum(a.dead for a in own)
     wrong = all_hold([car.count >= 2, 2 * dead > car.count,
                   car.spread <= 0.05 * car.speed + 0.5])  # fmt: skip

@@ -53,7 +53,8 @@ def safe_command(mode: str | float, driven: bool = False) -> Block:
         mode: what an axle gets on which slip control cannot be relied on: ``"demand"``, ``"hold"``
             (the last command, never above the demand) or a torque in N m (never above it).
         driven: for a driven axle, which gets that too where a brake would get the demand because
-            it has been released for too long.
+            it has been released for too long, or because its law has left its ranges: so does the
+            law of a wheel that spins.
     """
 
     @step(
@@ -90,7 +91,7 @@ def safe_command(mode: str | float, driven: bool = False) -> Block:
         held = logic_and(back <= 0, retry < 0.5)
         relied = all_hold([ready > 0.5, sound > 0.5, held, v >= v_off])
         rests = top if mode == "demand" else fmin(T_h if mode == "hold" else float(mode), top)
-        good = logic_and(ready > 0.5, held) if driven else ready > 0.5
+        good = all_hold([ready > 0.5, held, sound > 0.5]) if driven else ready > 0.5
         gives = top if mode == "demand" else if_else(good, top, rests)
         wanted = if_else(relied, if_else(test > 0.5, 0, fmin(T_slip, top)), gives)
         # what is not slip control's own rises slowly, and so does its way back to the demand
@@ -212,7 +213,7 @@ NO_END = 1e38
 """End of a range that has none; float has such a number too."""
 
 
-def contained_block(block: Block) -> Block:
+def contained_block(block: Block, gets: str = "the demand") -> Block:
     """Run a step block, and begin it anew where a next state would leave its range.
 
     In such a tick its outputs are zero and ``sound`` is 0. So what goes wrong in the slip control
@@ -220,6 +221,7 @@ def contained_block(block: Block) -> Block:
 
     Args:
         block: a step; ends of ranges that are expressions are left to the generated guards.
+        gets: what its axle gets in such a tick, in words.
     """
     states = list(block.states.values())
     low = ca.DM(np.concatenate([[], *(np.full(s.size, max(s.lo, -NO_END)) for s in states)]))
@@ -234,7 +236,7 @@ def contained_block(block: Block) -> Block:
         return block.unpack("state", nxt), block.unpack("output", y) | {"sound": sound}
 
     def rebuild(parts: dict[str, Block]) -> Block:
-        return contained_block(parts[block.name])
+        return contained_block(parts[block.name], gets)
 
     sound = Output("1", "1 where its states are in their ranges", lo=0, hi=1).named("sound")
     wide = [replace(s, lo=min(s.lo, 0.0), hi=max(s.hi, 0.0)) for s in block.outputs.values()]
@@ -247,7 +249,7 @@ def contained_block(block: Block) -> Block:
         composition=Composition.around(block, rebuild),
         law_data=LawData(failures=[
             ("a state of an axle's law leaves its range", "each tick; `law.sound`",
-             "that law begins anew, its axle gets the demand in that tick", "", "one tick"),
+             f"that law begins anew, its axle gets {gets} in that tick", "", "one tick"),
         ]),
     )  # fmt: skip
 

@@ -104,7 +104,8 @@ def _walk(
                            f" {place(row)}; sort the rows by time")  # fmt: skip
     if len(equal) > max(3.0, COARSE * len(rows)):
         raise BadInput(f"{where}: {len(equal)} rows have the time of the row before, the first in"
-                       f" {place(equal[0])}; write times with more digits")  # fmt: skip
+                       f" {place(equal[0])}; write times with more digits,"
+                       " or one vehicle in a log")  # fmt: skip
     if begins and len(kept) - begins[-1] < 2:
         raise BadInput(f"{where}: the time goes back in {place(kept[-1])}, the last row; remove it")
     return Order(np.array(kept), begins, _lines(t, kept, begins, (late, wild, twice, equal), place))

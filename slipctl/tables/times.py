@@ -120,14 +120,15 @@ def _only_one(table: Table, names: list[str]) -> str:
 
 
 def _rises(table: Table, name: str) -> bool:
-    """Whether nine steps of ten of a column go up; clock times are taken for such."""
+    """Whether nine steps of ten between its numbers go up; clock times are taken for such."""
     cells = table.cells[name]
     if cells.dtype == object and not _are_numbers(cells):
         return True
     try:
-        steps = np.diff(table.numbers(name).astype(float))
+        times = table.numbers(name).astype(float)
     except BadInput:
         return False
+    steps = np.diff(times[np.isfinite(times)])
     return bool(steps.size and np.mean(steps > 0) > 0.9)
 
 
@@ -146,7 +147,9 @@ def _same_clock(table: Table, one: str, other: str) -> bool:
         t = table.numbers(n).astype(float)
         t = t - t[np.isfinite(t)][0]
         past.append(t * (unit(u).scale if known else 1 / np.nanmax(np.abs(t))))
-    return bool(np.nanmax(np.abs(past[0] - past[1])) <= np.nanmedian(np.diff(past[0])))
+    apart = np.abs(past[0] - past[1])
+    both = np.isfinite(apart)
+    return bool(both.sum() > 1 and apart[both].max() <= np.median(np.diff(past[0][both])))
 
 
 def _unit(table: Table, name: str, told: str) -> str:

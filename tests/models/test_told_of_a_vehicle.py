@@ -343,6 +343,13 @@ NO_EFFECT = {
         'sand = { axles = [1], above = "150 km/h" }',
         "rail.contamination.sand.above: is 41.6667 m/s, the vehicle begins at 38.8889 m/s",
     ),
+    "seed where there is no noise": (
+        METRO, "seed = 1  ", "noise = 0\nseed = 2  ", "seed: has no effect, as noise = 0",
+    ),
+    "noise where no sensor has any": (
+        METRO.replace('"tooth_wheel", teeth = 120', '"exact"').replace('"0.05 m/s" }', '"0 m/s" }'),
+        "seed = 1  ", "noise = 2  ", "noise: has no effect, no sensor has noise",
+    ),
     "gain without unit": (
         METRO, 'K = "10 1/s"', "K = 10", "controllers.pid.K: 10.0 has no unit; it is read as 10 1/s"
     ),

@@ -16,6 +16,8 @@ from slipctl.models.vehicle import (
     Exact,
     Lag,
     Sensors,
+    SlipLaw,
+    SlipSpeed,
     Stretch,
     Track,
     Trip,
@@ -29,14 +31,14 @@ from slipctl.study.resolve import load_block
 CAR = Vehicle(mass=38e3, inertia=110.0, speed=16.7)
 
 
-def told(**changes):
+def told(loop="none", **changes):
     given = dict(
         duration=3.0, vehicle=CAR, actuator=Lag(torque=8e3), demand=Constant(deceleration=1.2),
         rail=Track(sections=(Stretch(place=0.0, condition="ice"),)),
         sensors=Sensors(wheel_speed=Exact()), controllers={"none": DemandAlone()},
     )  # fmt: skip
     found = case(Trip(**given | changes))
-    log = prepare(found.loops["none"], found.scenario, compile=False)(doubt=True)
+    log = prepare(found.loops[loop], found.scenario, compile=False)(doubt=True)
     return log, log.told()
 
 
@@ -75,6 +77,19 @@ def test_a_wheel_that_spins_is_told_and_a_motor_has_a_limit():
     assert (T * omega <= 60e3 * (1 + 1e-12)).all()
     assert omega.max() * 0.42 < 16.0 + 0.2  # a tick of 8 kN m is 73 rad/s^2 1 ms
     assert log["plant.train.P_drive"].max() <= 4 * 60e3 * 1.01
+
+
+def test_slip_control_takes_the_torque_from_a_wheel_that_spun_while_it_was_off():
+    """Its rim is faster than six times the vehicle, beyond all errors of a law of the ratio."""
+    driven = replace(CAR, mode="drive", speed=0.8)
+    rail = Track(law="exponential_tail", sections=(Stretch(place=0.0, condition="ice"),))
+    pid = {"pid": SlipLaw(kind="pid", gains={"K": 10.0})}
+    log, lines = told("pid", vehicle=driven, rail=rail, demand=Constant(acceleration=1.4),
+                      reference=SlipSpeed(slip=1.0), controllers=pid)  # fmt: skip
+    slip = log["plant.train.v_s"].max(axis=1)[np.argmax(log["plant.train.v"] > 1.05) :]
+    assert slip[0] > 6 * 1.05
+    assert (np.diff(slip) < 0).all()
+    assert any("began below 1 m/s, where slip control is off: [control] off" in x for x in lines)
 
 
 def test_a_peak_is_where_its_formula_says_and_a_locked_wheel_keeps_the_tail():

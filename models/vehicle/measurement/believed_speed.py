@@ -98,7 +98,8 @@ class VehicleSpeed:
         self.given = if_else(self.seen, s["v"], 0)
         share = 1 / (n * (sum1(s["r"]) / n) * s["m"])  # radii that differ by 3 % make .1 %
         pull = sum(a.torque for a in axles) * share
-        wheels = s["J"] * share * sum(a.step for a in axles)
+        self.of_wheel = s["J"] * share
+        wheels = self.of_wheel * sum(a.step for a in axles)
         before = fabs(s["v_h"])
         drag = s["resist_0"] + before * (s["resist_1"] + before * s["resist_2"])
         drag = drag * clip_to_range(s["v_h"], -1, 1)  # it does not move a vehicle that stands
@@ -152,10 +153,10 @@ class VehicleSpeed:
     def _stay(self, change: Any) -> None:
         """Whether the sensor has stayed at one number while wheels and momentum have moved."""
         s = self.s
-        same = fabs(self.given - s["given_h"]) <= 0
-        self.moved = if_else(same, clip_to_range(s["moved"] + change, -NEVER, NEVER), 0)
-        self.lead_then = if_else(same, s["lead_h"], self.lead)
-        self.frozen = all_hold([same, self.count >= 1, fabs(self.moved) > s["unseen"],
+        self.same = fabs(self.given - s["given_h"]) <= 0
+        self.moved = if_else(self.same, clip_to_range(s["moved"] + change, -NEVER, NEVER), 0)
+        self.lead_then = if_else(self.same, s["lead_h"], self.lead)
+        self.frozen = all_hold([self.same, self.count >= 1, fabs(self.moved) > s["unseen"],
                                 fabs(self.lead - self.lead_then) > s["unseen"]])  # fmt: skip
 
     def _first(self) -> Any:
@@ -184,6 +185,17 @@ class VehicleSpeed:
         at_first = logic_and(self.seen, fabs(self.beside) <= 0)
         self.v_ok = if_else(self.begins, at_first, logic_or(stays, again))
         return self.v_ok
+
+    def take_back(self, axles: Sequence[AxleSample]) -> None:
+        """Take the steps of wheels whose samples were not taken out of the momentum again.
+
+        Their next step counts from the last sample that was, so a step would count in each tick.
+        """
+        steps = sum(if_else(logic_or(a.taken, self.begins), 0, a.step) for a in axles)
+        change = self.of_wheel * steps
+        self.predicted = self.predicted + change
+        self.beside, self.wheels = self.beside - change, self.wheels - change
+        self.moved = if_else(self.same, clip_to_range(self.moved + change, -NEVER, NEVER), 0)
 
     def believe(self, wrong: Any) -> Any:
         """The speed that is believed; ``wrong``: wheels that are let go show that it is not."""

@@ -105,6 +105,11 @@ def _of_other_parts(trip: Trip) -> Iterator[str]:
         for key in ("discharge", "air"):
             if _set(brake, key) and None not in rates.values():
                 yield f"actuator.{key}: has no effect, as fill_rate and vent_rate are given"
+    sensors = (trip.sensors.wheel_speed, trip.sensors.vehicle_speed, trip.sensors.accelerometer)
+    noisy = any(getattr(s, k, 0) for s in sensors for k in ("jitter", "deviation", "dropout"))
+    for key in ("seed", "noise"):
+        if _set(trip, key) and not (noisy and (trip.noise or key == "noise")):
+            yield f"{key}: has no effect, " + ("as noise = 0" if noisy else "no sensor has noise")
     for k, fault in enumerate(trip.sensors.faults):
         if fault.kind == "jumps" and fault.share == 0:
             yield f"sensors.faults.{k}.share: has no effect, as it is 0"

@@ -83,8 +83,13 @@ def wheel_warnings(loop: Block, scenario: Scenario, log: Values) -> list[str]:
     if np.asarray(log["time"]).size < 2:
         return []
     held = _held(loop, scenario, log)
-    rolls = _rolls_back(log)
-    return [*held, *rolls, *_ended_releases(log), *_wrong_speed(log), *_slides(loop, log)]
+    ended = _ended_releases(log, "its safe output" if _is_driven(loop) else "the demand")
+    return [*held, *_rolls_back(log), *ended, *_wrong_speed(log), *_slides(loop, log)]
+
+
+def _is_driven(loop: Block) -> bool:
+    """Whether the controller was made for driven wheels."""
+    return any(part.choices.get("driven") for _, part in loop.leaves())
 
 
 def _rolls_back(log: Values) -> Iterator[str]:
@@ -118,7 +123,7 @@ def _slides(loop: Block, log: Values) -> Iterator[str]:
             yield (
                 f"the wheel{_of_axle(axle, slip)} spins: its rim is {abs(slip[k, axle]):.4g} m/s"
                 f" faster than the vehicle at {time[k]:.4g} s; neither slip control nor its motor"
-                " holds it"
+                f" holds it{_while_off(loop, log, turn * slip[:, axle] > SPINS)}"
             )
         limit = law.law_data.meant_to
         if limit is None or not np.isfinite(limit):
@@ -136,6 +141,14 @@ def _slides(loop: Block, log: Values) -> Iterator[str]:
                 f" {law.name} is meant up to {limit:.3g}{unit}: from {begin:.4g} s on the run uses"
                 " adhesion for which the law is not meant"
             )
+
+
+def _while_off(loop: Block, log: Values, spins: np.ndarray) -> str:
+    """That slip control is off at the speed at which a wheel begins to spin."""
+    off = float(np.max(loop.values_by_place().get("ctl.safe.v_off", 0.0)))
+    if "plant.train.v" not in log or abs(log["plant.train.v"][int(np.argmax(spins))]) >= off:
+        return ""
+    return f"; it began below {off:g} m/s, where slip control is off: [control] off"
 
 
 def _of_axle(axle: Any, columns: np.ndarray) -> str:
@@ -251,8 +264,8 @@ def longest_span(true: np.ndarray) -> tuple[int, int]:
 # ---- a release that is too long ------------------------------------------------------------------
 
 
-def _ended_releases(log: Values) -> Iterator[str]:
-    """Releases that their limit has ended: of an axle, of the train."""
+def _ended_releases(log: Values, gets: str = "the demand") -> Iterator[str]:
+    """Releases that their limit has ended, of an axle, of the train; and what it gets then."""
     train = np.zeros(np.asarray(log["time"]).size, dtype=bool)
     for name, (whose, key) in RELEASES.items():
         if name not in log:
@@ -264,7 +277,7 @@ def _ended_releases(log: Values) -> Iterator[str]:
         for axle in np.flatnonzero(begins.any(axis=0)):
             times = np.asarray(log["time"])[begins[:, axle]]
             yield (
-                f"{whose.format(axle + 1)} was released for too long, and got the demand at"
+                f"{whose.format(axle + 1)} was released for too long, and got {gets} at"
                 f" {times[0]:.4g} s"
                 + (f", {times.size} times" if times.size > 1 else "")
                 + f"; {key}"
