@@ -227,7 +227,7 @@ class _Estimator:
     def block(self, name: str) -> Block:
         """The estimator as a step block."""
         w, problem = self.w, self.w.problem
-        M, n, ny, nk = w.samples, w.nx, w.ny, len(problem.known)
+        M, n, ny, nk = w.stages, w.nx, w.ny, len(problem.known)
         sizes = {
             "Y": (2 * ny * M, "measurements of the window, and whether they are there"),
             "K": (nk * M, "what else was known"), "live": (M, "whether a sample has come"),
@@ -284,7 +284,7 @@ class _Estimator:
         return description.estimator(
             f"{problem.block.name} over {w.period:g} s",
             [s.name for s in problem.unknown], [s.name for s in problem.measured], w.limits,
-            w.samples,
+            w.stages,
             description.solver("riccati", self.iterations, self.qp.passes, self.qp.rescue),
         )  # fmt: skip
 
@@ -299,7 +299,7 @@ class _Estimator:
 
     def _body(self, xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         w, problem = self.w, self.w.problem
-        M, n, ny, nk = w.samples, w.nx, w.ny, len(problem.known)
+        M, n, ny, nk = w.stages, w.nx, w.ny, len(problem.known)
         params, s = self.shared(p)
         names = [_short(m.name) for m in problem.measured]
         seen = [u[f"seen_{k}"] > 0.5 for k in names]
@@ -368,7 +368,7 @@ class _Estimator:
 
     def _placed(self, Y: Any, live: Any, y: list[Any], seen: list[Any], u: Exprs) -> Any:
         """Samples of the window, with those that may come late at the tick when they were taken."""
-        M, ny = self.w.samples, self.w.ny
+        M, ny = self.w.stages, self.w.ny
         rows = ca.vertsplit(ca.reshape(Y, 2 * ny, M))
         ages = ca.DM(range(M - 1, -1, -1)).T
         for i, m in enumerate(self.w.problem.measured):

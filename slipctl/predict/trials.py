@@ -165,12 +165,10 @@ def _excess(
     values = {n: s.value for n, s in controller.params.items()}
     found = (0.0, "")
     for n in names:
-        gaps = []
-        if f"{n}_lo" in values:
-            gaps.append(values[f"{n}_lo"] - out[n])
-        if f"{n}_hi" in values:
-            gaps.append(out[n] - values[f"{n}_hi"])
-        if f"{n}_rate" in values and before is not None:
-            gaps.append(abs(out[n] - before[n]) - values[f"{n}_rate"] * h)
+        moved = abs(out[n] - before[n]) if before is not None else 0.0
+        gaps = [
+            values.get(f"{n}_lo", -np.inf) - out[n], out[n] - values.get(f"{n}_hi", np.inf),
+            moved - values.get(f"{n}_rate", np.inf) * h,
+        ]  # fmt: skip
         found = max([found, *((float(g), n) for g in gaps)])
     return found

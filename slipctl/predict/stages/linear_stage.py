@@ -51,10 +51,8 @@ def stage_functions(where: str, problem: Horizon) -> Linearised:
     rows, pieces = problem.rows()
     A, B = slope_sparsity(motion.sparsity_out(1), motion.sparsity_out(2), repeats)
     layout = Layout((A, B, ca.Sparsity.dense(problem.nx, 1), *pieces))
-    (once_motion, motion), (once_rows, rows) = (
-        split_by_inputs(motion, (3,)),
-        split_by_inputs(rows, (3,)),
-    )
+    once_motion, motion = split_by_inputs(motion, (3,))
+    once_rows, rows = split_by_inputs(rows, (3,))
     count = motion.n_instructions() * repeats + rows.n_instructions()
     if count > UNROLL:
         raise BadInput(
@@ -74,13 +72,10 @@ def stage_functions(where: str, problem: Horizon) -> Linearised:
     for _ in range(repeats - 1):
         after, F, G = motion(after, u, d, of_motion)
         S, Su = product(F, G, S, Su)
-    column = ca.vertcat(
-        ca.vec(S).nz[:], ca.vec(Su).nz[:], after - following, rows(x, u, d, of_rows)
-    )
+    packed = ca.vec(S).nz[:], ca.vec(Su).nz[:], after - following, rows(x, u, d, of_rows)
     names = ["point", "control", "d", "fixed"]
-    stage = ca.Function(
-        "stage", [x, u, d, c, following], [column], [*names, "point_after"], ["column"]
-    )  # fmt: skip
+    stage = ca.Function("stage", [x, u, d, c, following], [ca.vertcat(*packed)],
+                        [*names, "point_after"], ["column"])  # fmt: skip
     step = ca.Function("stage_step", [x, u, d, c], [after], names, ["point_next"])
     return Linearised(once, stage, layout, step)
 
