@@ -10,16 +10,17 @@ from typing import Any
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs, make_block
-from slipctl.block.signals import Bound, Input, Output, Param, Signal, Split, State
+from slipctl.block.signals import Bound, Input, Param, Signal, Split, State
 from slipctl.predict import description
 from slipctl.predict.options.arguments import Limit, Solver
+from slipctl.predict.options.limits import limit_params
 from slipctl.predict.options.offset import SHARE
 from slipctl.predict.options.scenarios import TOGETHER
 from slipctl.predict.qp.active_set import ActiveSet
 from slipctl.predict.qp.line_search import Search
 from slipctl.predict.qp.split_tick import Tick, split_results
 from slipctl.predict.qp.stage_loops import as_one_call
-from slipctl.predict.qp.status import SMALL
+from slipctl.predict.qp.status import SMALL, status_outputs
 from slipctl.predict.reference import DEVIATION, QUADRATIC, Sparse, nonlinear
 from slipctl.predict.stages.exact_hessian import Curved
 from slipctl.predict.stages.horizon import Horizon, Soft
@@ -105,14 +106,12 @@ class Controller:
             unit = next(outputs[m] for m in parts if m in outputs).unit
             weight = Param(_per(unit), w, f"weight of {n}", "chosen", lo=1e-12, hi=1e12)
             found.append(weight.named(f"weight_{n}"))
-        for c, (lo, hi) in self.limits.items():
+        for c, pair in self.limits.items():
             s, short = self.h.model.inputs[self.short[c]], self.short[c]
-            for word, value in (("lo", lo), ("hi", hi)):
+            for word, most, value in zip(("lo", "hi"), ("smallest", "largest"), pair, strict=True):
                 if not isinstance(value, str):
-                    doc = f"{'smallest' if word == 'lo' else 'largest'} {s.doc}"
-                    found.append(
-                        Param(s.unit, value, doc, lo=-1e12, hi=1e12).named(f"{short}_{word}")
-                    )
+                    end = Param(s.unit, value, f"{most} {s.doc}", lo=-1e12, hi=1e12)
+                    found.append(end.named(f"{short}_{word}"))
         for c, r in self.rate.items():
             s = self.h.model.inputs[self.short[c]]
             unit = f"({s.unit})/s" if "/" in s.unit else f"{s.unit}/s"
@@ -123,33 +122,23 @@ class Controller:
                 continue  # they share their numbers
             n = self._limited(n)
             short = _short(n)
-            unit = self._signal(n).unit
-            kind = "hard" if limit.hard else "soft"
-            found += [
-                Param(unit, value, f"{kind} limit {side}", lo=-1e12, hi=1e12).named(
-                    f"{short}_{end}"
-                )
-                for end, side, value in (("min", "below", limit.lo), ("max", "above", limit.hi))
-            ]
-            for word, value in (("weight", limit.weight), ("linear", limit.linear)):
+            unit = (self.h.model.outputs | self.h.model.states)[n].unit
+            found += limit_params(unit, short, limit)
+            for word, value, doc in (
+                ("weight", limit.weight, "weight beyond"),
+                ("linear", limit.linear, "weight of the excess itself"),
+            ):
                 if value > 0 and not limit.hard:
-                    doc = "weight beyond" if word == "weight" else "weight of the excess itself"
-                    found.append(
-                        Param(_per(unit), value, doc, lo=1e-12, hi=1e12).named(f"{short}_{word}")
-                    )
+                    weight = Param(_per(unit), value, doc, lo=1e-12, hi=1e12)
+                    found.append(weight.named(f"{short}_{word}"))
         if self.h.damped:
             doc = "curvature added for steps of controls"
-            found.append(
-                Param("1", self.damping, doc, "chosen", lo=1e-12, hi=1e12).named("damping")
-            )
+            damping = Param("1", self.damping, doc, "chosen", lo=1e-12, hi=1e12)
+            found.append(damping.named("damping"))
         if self.unknown:
             doc = "part of what a tick missed that is learnt from it"
             found.append(Param("1", SHARE, doc, "chosen", lo=1e-6, hi=1).named("offset_share"))
         return found
-
-    def _signal(self, name: str) -> Signal:
-        model = self.h.model
-        return (model.outputs | model.states)[name]
 
     def _limited(self, name: str) -> str:
         """Name of the limited signal without its scenario."""
@@ -210,17 +199,7 @@ class Controller:
             text = f"NaN where the answer of {self.solver} leaves the conditions of optimality"
             states.insert(0, State("1", 0.0, text).named(f"answer_of_{self.solver}"))
         outputs = [self._command(c) for c in self.short]
-        outputs += [
-            Output("1", ", ".join(f"{k} {v}" for k, v in STATUS.items()), lo=0, hi=3).named(
-                "status"
-            ),
-            Output("1", "passes of the active set and steps inside it", lo=0, hi=1e6).named(
-                "passes"
-            ),
-            Output("1", "what is left of the conditions of optimality", lo=0, hi=1e30).named(
-                "residual"
-            ),
-        ]
+        outputs += status_outputs(STATUS)
         outputs += [
             self.h.model.inputs[n].as_role("output", value=None).named(f"estimated_{n}")
             for n in self.unknown
