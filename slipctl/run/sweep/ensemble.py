@@ -234,7 +234,7 @@ class World:
             np.random.PCG64(np.random.SeedSequence([self.seed, stream, k]))
         )
         shares = random.random(len(self.axes) + len(self.factors))
-        drawn = {a.name: _within(a, s) for a, s in zip(self.ranges, shares, strict=True)}
+        drawn = {a.name: a.at(s) for a, s in zip(self.ranges, shares, strict=True)}
         return self.at(drawn, int(random.integers(2**31)))
 
     def at(self, drawn: Mapping[str, float], noise: int) -> Draw:
@@ -290,10 +290,6 @@ class World:
         """
         given = {**draw.numbers, **numbers}
         return self.measured.on(given, draw.scenario, draw.known, self.wanted)
-
-
-def _within(axis: Axis, share: float) -> float:
-    return float(axis.lo + (axis.hi - axis.lo) * share)
 
 
 def _times(values: Any, by: float) -> float | Sequence[float]:

@@ -45,6 +45,10 @@ class Axis:
     points: int | None
     unit: str
 
+    def at(self, share: float) -> float:
+        """Number at a share of the range."""
+        return float(self.lo + (self.hi - self.lo) * share)
+
     def told(self) -> list[Any]:
         """The axis as a store keeps it."""
         return [self.name, self.lo, self.hi, self.points, self.unit]
@@ -177,11 +181,8 @@ class Plan:
             for a, k in zip(self.grid, where, strict=False)
         }
         if self.drawn:
-            shares = self._shares(run)
-            found |= {
-                a.name: float(a.lo + (a.hi - a.lo) * s)
-                for a, s in zip(self.drawn, shares, strict=True)
-            }
+            pairs = zip(self.drawn, self._shares(run), strict=True)
+            found |= {a.name: a.at(s) for a, s in pairs}
         return {a.name: found[a.name] for a in self.axes}
 
     def _shares(self, run: int) -> np.ndarray:

@@ -5,12 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
-from threading import Event
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,16 +15,9 @@ import numpy as np
 from slipctl.block.block import Block, as_block
 from slipctl.errors import BadInput, RunFailed, check_whole, nearest
 from slipctl.run import interrupts, machine
+from slipctl.run import metrics as measures
 from slipctl.run.logs.run_log import Log, log_columns
-from slipctl.run.metrics import (
-    AGAINST_OTHERS,
-    METRICS,
-    Run,
-    measure,
-    place,
-    rail_changes,
-    rail_names,
-)
+from slipctl.run.metrics import Run
 from slipctl.run.preparation import Prepared, prepare
 from slipctl.run.rail import Scenario
 from slipctl.run.results import Known, known_column
@@ -35,12 +25,13 @@ from slipctl.run.roles import Signals
 from slipctl.run.sweep import sweep_store
 from slipctl.run.sweep.sweep_plan import Plan, plan_of
 from slipctl.run.sweep.sweep_results import Sweep, open_sweep
-from slipctl.run.sweep.sweep_store import Ended, Store
+from slipctl.run.sweep.sweep_store import Ended
+from slipctl.run.sweep.threads import run_tasks
 
 if TYPE_CHECKING:
     from slipctl.run.sweep.ensemble import World
 
-MEASURED = tuple(n for n in METRICS if n not in AGAINST_OTHERS)
+MEASURED = tuple(n for n in measures.METRICS if n not in measures.AGAINST_OTHERS)
 """Metrics of a run that is alone: no other loop runs beside it."""
 
 
@@ -108,19 +99,31 @@ def sweep(
         plan.size,
     )  # fmt: skip
     told = _agreed(run, plan, seed, design, about)
-    kept = sweep_store.begin(Path(out), told, mixed=mixed)
-    try:
+    with sweep_store.begin(Path(out), told, mixed=mixed) as kept:
         done = kept.done()
         missing = (k for k in range(plan.size) if k not in done)
-        total = plan.size - sum(k < plan.size for k in done)
-        if scheduler:
-            from slipctl.run.sweep import cluster
+        total, ended = max(plan.size - sum(k < plan.size for k in done), 1), 0
 
-            cluster.run_all(run, plan, missing, total, kept, scheduler, told, mixed, progress)
-        else:
-            _run_all(run, plan, missing, total, kept, jobs or machine.cores(), progress)
-    finally:
-        kept.close()
+        def keep(found: list[Ended]) -> None:
+            nonlocal ended
+            kept.add(found)
+            ended += len(found)
+            if progress:
+                progress(ended / total)
+
+        try:
+            if scheduler:
+                from slipctl.run.sweep import cluster
+
+                mixed_of = kept.tell_mixed if mixed else None
+                cluster.run_all(run, plan, missing, total, keep, scheduler, told, mixed_of)
+            else:
+                cores = jobs or machine.cores()
+                run_tasks(missing, lambda k: run.ended(k, plan.numbers(k)), cores, keep)
+        except KeyboardInterrupt as error:
+            interrupts.note_interrupt()
+            error.args = (interrupts.KEPT,)
+            raise
     return open_sweep(out)
 
 
@@ -138,45 +141,6 @@ def _agreed(
         "log_units": {s.name: s.unit for s in run.loop.signals if s.name in run.logs},
         **({"ensemble": run.world.ensemble.told()} if run.world else {}),
     }  # fmt: skip
-
-
-def _run_all(
-    run: Measured, plan: Plan, missing: Iterator[int], total: int, kept: Store, jobs: int,
-    progress: Callable[[float], None] | None,
-) -> None:  # fmt: skip
-    """Roll what is missing on threads; this one alone writes, as runs end."""
-    ended, stop = 0, Event()
-
-    def one(k: int) -> Ended | None:
-        return None if stop.is_set() else run.ended(k, plan.numbers(k))
-
-    pool = ThreadPoolExecutor(jobs)
-    waiting: set[Future[Ended | None]] = {pool.submit(one, k) for k in islice(missing, 2 * jobs)}
-    try:
-        while waiting:
-            finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-            ended += _write(kept, finished)
-            waiting |= {pool.submit(one, k) for k in islice(missing, len(finished))}
-            if progress:
-                progress(ended / max(total, 1))
-    except BaseException as error:  # what was rolling is kept too
-        if isinstance(error, KeyboardInterrupt):
-            interrupts.note_interrupt()
-            error.args = (interrupts.KEPT,)
-        stop.set()
-        pool.shutdown(wait=True, cancel_futures=True)
-        _write(kept, {f for f in waiting if f.done() and not f.cancelled()})
-        raise
-    finally:
-        stop.set()
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _write(kept: Store, finished: Iterable[Future[Ended | None]]) -> int:
-    """Keep what ended; gives how many."""
-    found = [e for e in (f.result() for f in finished) if e is not None]
-    kept.add(found)
-    return len(found)
 
 
 @dataclass(frozen=True)
@@ -306,7 +270,7 @@ class Measured:
         wanted: Sequence[str] | None = None,
     ) -> dict[str, Any]:  # fmt: skip
         """Metrics of a log; of another scenario and what is known of it, where they are given."""
-        return measure(self.seen(log, scenario, known), wanted or MEASURED)
+        return measures.measure(self.seen(log, scenario, known), wanted or MEASURED)
 
     def seen(
         self, log: Log, scenario: Scenario | None = None, known: Mapping[str, Known] | None = None
@@ -315,12 +279,12 @@ class Measured:
         scenario = scenario or self.scenario
         seen: Any = _Seen(log, float(self.loop.period or 0.0))
         rail = scenario.rail
-        where = None if rail is None else place(seen, rail, self.signals)
+        where = None if rail is None else measures.place(seen, rail, self.signals)
         for name, known_ in (self.known if known is None else known).items():
             whole: Any = log.dataset() if callable(known_.values) and not known_.reads else log
             seen.add(name, known_column(known_, rail, where, whole), known_.unit)
-        changes = rail_changes(seen, scenario, self.signals)
-        names = rail_names(scenario, changes)
+        changes = measures.rail_changes(seen, scenario, self.signals)
+        names = measures.rail_names(scenario, changes)
         return Run(seen, self.signals, changes, rails=names)
 
     @property
