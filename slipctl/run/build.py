@@ -233,18 +233,11 @@ def _content(f: ca.Function) -> str:
 
 def _key(content: str, cc: str, flags: Sequence[str]) -> str:
     """Hash of everything that makes a library what it is."""
-    key = hashlib.sha256()
-    for part in (
-        content,
-        ca.CasadiMeta.version(),
-        _compiler_version(cc),
-        platform.machine(),
-        " ".join(flags),
-        _hastened(_DENSE + _DENSE_LOOP + _SPARSE_LOOP) + _ROLL,
-        "sealed",
-    ):
-        key.update(part.encode())
-    return key.hexdigest()[:32]
+    parts = (
+        content, ca.CasadiMeta.version(), _compiler_version(cc), platform.machine(),
+        " ".join(flags), _hastened(_DENSE + _DENSE_LOOP + _SPARSE_LOOP) + _ROLL, "sealed",
+    )  # fmt: skip
+    return hashlib.sha256("".join(parts).encode()).hexdigest()[:32]
 
 
 def _seal(library: Path) -> Path:

@@ -156,8 +156,7 @@ class Prepared:
         Raises:
             BadInput, RunFailed: as a call.
         """
-        scenario = self.scenario if seed is None else self.scenario.but(seed=seed)
-        scenario = scenario if rail is None else scenario.but(rail=rail)
+        scenario = self._scenario(seed, rail)
         block, values = self._numbered(numbers)
         x = build.pack_numbers(block, "state", block._start({}, values))
         u, roll, parts = self._parts(block, scenario, values)
@@ -197,8 +196,7 @@ class Prepared:
         Raises:
             BadInput, RunFailed: as a call.
         """
-        scenario = self.scenario if seed is None else self.scenario.but(seed=seed)
-        scenario = scenario if rail is None else scenario.but(rail=rail)
+        scenario = self._scenario(seed, rail)
         block, values = self._numbered(numbers)
         u, roll, parts = self._parts(block, scenario, values)
         h = float(block.period or 0.0)
@@ -211,6 +209,11 @@ class Prepared:
             if n < last - first:
                 raise RunFailed(_broken(block, x, (first + n + 1) * h))
         return Whole(block, f, u, x_log, y_log, parts)
+
+    def _scenario(self, seed: int | None, rail: Rail | None) -> Scenario:
+        """The scenario with another seed and rail, where they are given."""
+        given = {"seed": seed, "rail": rail}
+        return self.scenario.but(**{k: v for k, v in given.items() if v is not None})
 
     def _numbered(
         self, numbers: Mapping[str, Any] | None
