@@ -17,13 +17,8 @@ from slipctl import registry
 from slipctl.block.block import Block
 from slipctl.block.reach import measured_reach, with_reach
 from slipctl.errors import BadInput, check_known
+from slipctl.estimate import model
 from slipctl.estimate.curve import Curve, parameters_of_columns, points, quantity, settings
-from slipctl.estimate.model import (
-    known_parameters,
-    measured_output,
-    output_function,
-    unknown_parameters,
-)
 from slipctl.tables.table import read_table
 
 Numbers = Mapping[str, Any]
@@ -130,10 +125,10 @@ def fit(
         BadInput: an unknown name, a curve that lacks a column or is not sorted by it, fewer points
             than unknowns plus one, or unknowns that the curve does not identify. Says which.
     """
-    output = measured_output(law, measured)
+    output = model.measured_output(law, measured)
     if unknown is None and law.conditions:
         unknown = [n for n in law.params if any(n in c for c in law.conditions.values())]
-    unknown = unknown_parameters(law, unknown)
+    unknown = model.unknown_parameters(law, unknown)
     table = data if isinstance(data, Mapping) else read_table(data, decimal)
     source = "data" if isinstance(data, Mapping) else str(data)
     known = {n: quantity(law, n, v) for n, v in (at or {}).items()}
@@ -260,9 +255,11 @@ def _untold(
     names = [n for n, o in origin.items() if o.startswith("the law's own") and n not in said]
     if not names:
         return ()
-    f = output_function(law, curve.output, names)
+    f = model.output_function(law, curve.output, names)
     values = law.param_values()
-    rest = ca.DM(np.concatenate([[], *(np.ravel(s.value) for s in known_parameters(law, names))]))
+    rest = ca.DM(
+        np.concatenate([[], *(np.ravel(s.value) for s in model.known_parameters(law, names))])
+    )
     J = f.map(curve.measured.size)(
         ca.repmat(ca.DM([float(values[n]) for n in names]), 1, curve.measured.size),
         ca.DM(np.array([curve.inputs[k] for k in law.inputs])),
@@ -343,9 +340,9 @@ def _solve(law: Block, curve: Curve, unknown: Sequence[str]) -> Solution:
     """Parameters, residuals, Jacobian by the coordinates, coordinates, and which are at a bound."""
     from scipy.optimize import least_squares
 
-    f = output_function(law, curve.output, unknown)
+    f = model.output_function(law, curve.output, unknown)
     many, count = curve.measured.size, len(unknown)
-    fixed = [s.value for s in known_parameters(law, unknown)]
+    fixed = [s.value for s in model.known_parameters(law, unknown)]
     constants = ca.DM(np.concatenate([[], *(np.ravel(v) for v in fixed)]))
     inputs = ca.DM(np.array([curve.inputs[k] for k in law.inputs]))
     each = f.map(many)

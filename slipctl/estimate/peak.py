@@ -19,13 +19,7 @@ import numpy as np
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Input, Output, Param, Signal, State
 from slipctl.errors import BadInput, check_finite, check_known, check_positive, nearest
-from slipctl.estimate.model import (
-    known_parameters,
-    measured_output,
-    output_function,
-    stack_column,
-    unknown_parameters,
-)
+from slipctl.estimate import model
 
 WORST = 1e3
 """Relative deviation reported where the estimated curve has no peak at the given place."""
@@ -72,21 +66,21 @@ def probe(
     Raises:
         BadInput: an unknown name, or a range that is none.
     """
-    measured, unknown = measured_output(law, measured), unknown_parameters(law, unknown)
+    measured, unknown = model.measured_output(law, measured), model.unknown_parameters(law, unknown)
     _scalar_input(law, over, "probe")
     lowest, highest = within
     if not (math.isfinite(lowest) and math.isfinite(highest) and lowest < highest):
         raise BadInput(f"probe({law.name}): within = {within} must be (lowest, highest)")
     check_positive(f"probe({law.name}): period", period, "s")
     s, others = law.inputs[over], [k for k in law.inputs if k != over]
-    known = known_parameters(law, unknown)
+    known = model.known_parameters(law, unknown)
     gradient = peak_gradient(law, over, measured, unknown)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         best = ca.fmin(ca.fmax(u["best"], p["lowest"]), p["highest"])
         inputs = law.pack("input", {k: u[k] for k in others} | {over: best})
         values = ca.vertcat(*[u[k] for k in unknown])
-        g, curvature = gradient(values, inputs, stack_column(p[k.name] for k in known))
+        g, curvature = gradient(values, inputs, model.stack_column(p[k.name] for k in known))
         variance = g @ u["covariance"] @ g.T
         certain = ca.logic_and(curvature < 0, variance < (WORST * best) ** 2)
         deviation = ca.if_else(certain, ca.sqrt(ca.fmax(variance, 0)) / best, WORST)
@@ -219,7 +213,7 @@ def peak_bound(
     Raises:
         BadInput: unknown names, a noise that is not positive, samples missing or of two lengths.
     """
-    measured, unknown = measured_output(law, measured), unknown_parameters(law, unknown)
+    measured, unknown = model.measured_output(law, measured), model.unknown_parameters(law, unknown)
     _scalar_input(law, over, "peak_bound")
     check_positive(f"peak_bound({law.name}): noise", noise)
     check_finite(f"peak_bound({law.name}): at", at)
@@ -239,24 +233,24 @@ def peak_bound(
         raise BadInput(f"peak_bound({law.name}): samples must be lists of one length")
     every = law.param_values(**params)
     values = ca.DM([float(every[k]) for k in unknown])
-    known = stack_column(ca.DM(every[s.name]) for s in known_parameters(law, unknown))
+    known = model.stack_column(ca.DM(every[s.name]) for s in model.known_parameters(law, unknown))
     count, n = columns[0].size, len(unknown)
     inputs = ca.DM(np.array(columns).reshape(len(columns), count))
     many = [ca.repmat(c, 1, count) for c in (values, known)]
-    rows = output_function(law, measured, unknown).map(count)(many[0], inputs, many[1])[1]
+    rows = model.output_function(law, measured, unknown).map(count)(many[0], inputs, many[1])[1]
     H = np.array(ca.DM(rows).full()).reshape(count, n) / noise
     before = np.diag([1 / spread[k] if spread and k in spread else 0.0 for k in unknown])
     place = {k: at if k == over else c.mean() for k, c in zip(law.inputs, columns, strict=True)}
     peak = ca.DM([place[k] for k in law.inputs])
     g, _ = peak_gradient(law, over, measured, unknown)(values, peak, known)
-    h = output_function(law, measured, unknown)(values, peak, known)[1]
+    h = model.output_function(law, measured, unknown)(values, peak, known)[1]
     root = np.vstack([H, before])
     return PeakBound(*(_deviation(np.array(ca.DM(v).full()).ravel(), root) for v in (g, h)))
 
 
 def peak_gradient(law: Block, over: str, measured: str, unknown: Sequence[str]) -> ca.Function:
     """Function (unknown, inputs, known) -> (g, curvature) at a peak along one input."""
-    output = output_function(law, measured, unknown)
+    output = model.output_function(law, measured, unknown)
     sym: Any = ca.SX.sym if law.sx else ca.MX.sym
     names = "values", "at", "known"
     values, inputs, known = (sym(n, output.size1_in(k)) for k, n in enumerate(names))

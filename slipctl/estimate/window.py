@@ -57,15 +57,8 @@ import casadi as ca
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Param, Signal, State
 from slipctl.errors import BadInput, check_whole
+from slipctl.estimate import gauss_newton as newton
 from slipctl.estimate import recall as taken_back
-from slipctl.estimate.gauss_newton import (
-    DAMPING,
-    HAND,
-    inverse,
-    iteration,
-    normal_equations,
-    solver,
-)
 from slipctl.estimate.model import Model, covariance_state, spread_param, theta_state
 from slipctl.estimate.noise_weights import echoing_sums, shift_ratios, signature, white_sums
 from slipctl.seek.random import epsilon
@@ -130,7 +123,7 @@ class Window:
     @cached_property
     def normal(self) -> ca.Function:
         """Normal equations of the samples kept."""
-        return normal_equations(self.model, self.sums)
+        return newton.normal_equations(self.model, self.sums)
 
     def tick(self, x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         """Next states and outputs with a new sample."""
@@ -155,7 +148,7 @@ class Window:
                  "predicted_then": predicted, "residual_then": e}  # fmt: skip
         first = {k: now(k, v) for k, v in given.items()}
         weights = nxt["count"] > ca.DM(range(self.window)).T
-        damping = ca.if_else(again, DAMPING, x["damping"])
+        damping = ca.if_else(again, newton.DAMPING, x["damping"])
         hand = self.fit(x["theta"], damping, weights, now, nxt | first | known)
         nxt |= self.estimate(hand, nxt["count"], first["mean_now"], known, p["farthest"])
         if self.memory > 1:
@@ -188,7 +181,7 @@ class Window:
         off, may = measurement - predicted, self.variance(told, h, p)
         t = off / (p["gate"] * ca.sqrt(may)) if self.memory > 1 else None
         counts, back = taken_back.count_sample(x, off**2 <= p["gate"] ** 2 * may, self.recall, t)
-        taken = former | {"unsettled": 0, "damping": DAMPING}
+        taken = former | {"unsettled": 0, "damping": newton.DAMPING}
         taken |= {"shifts": 0} if self.memory > 1 else {}
         return dict(x) | {k: ca.if_else(back, v, x[k]) for k, v in taken.items()}, counts, back
 
@@ -230,7 +223,7 @@ class Window:
         kept_share = p["forgetting"] * x["Lambda"]
         Lambda = kept_share + (1 - p["forgetting"]) * Lambda_0 + seen / sigma2
         pull = kept_share @ (x["mean"] - theta) + told / sigma2
-        mean = theta + solver(self.model.n)(Lambda, pull, least)
+        mean = theta + newton.solver(self.model.n)(Lambda, pull, least)
         full = x["count"] == self.window
         Lambda = ca.if_else(again, Lambda_0, ca.if_else(full, Lambda, x["Lambda"]))
         return ca.if_else(again, theta, ca.if_else(full, mean, x["mean"])), Lambda
@@ -259,12 +252,12 @@ class Window:
                 given["constants"])  # fmt: skip
         arithmetic = (given["least"], epsilon(ca.fmin(given["count"], 1)))
         first = (theta, *self.normal(theta, *data), damping)
-        state = tuple(now(k, new) for k, new in zip(HAND, first, strict=True))
-        iterate = iteration(self.normal)
+        state = tuple(now(k, new) for k, new in zip(newton.HAND, first, strict=True))
+        iterate = newton.iteration(self.normal)
         for _ in range(self.per_tick):
             state = iterate(*state, *arithmetic, *data)
         left = {"left": now("left", self.iterations) - self.per_tick} if self.several else {}
-        return dict(zip(HAND, state, strict=True)) | left
+        return dict(zip(newton.HAND, state, strict=True)) | left
 
     def estimate(self, hand: Exprs, count: Any, mean: Any, known: Exprs, far: Any) -> Exprs:
         """What the fit in hand tells: coordinates, covariance, noise, and its next damping."""
@@ -274,7 +267,7 @@ class Window:
             scatter = declared + squares / count
         else:
             scatter = (BELIEF * declared + squares) / (BELIEF + ca.fmax(0, count - model.n))
-        P = inverse(model.n)(hand["H"], known["least"])
+        P = newton.inverse(model.n)(hand["H"], known["least"])
         return {"theta": theta, "P": P, "scatter": scatter, "mean": mean,
                 "damping": hand["damping"]}  # fmt: skip
 
@@ -313,7 +306,7 @@ class Window:
             State("1", 0.0, "information besides the window", shape=(n, n)).named("Lambda"),
             State("1", 0.0, "samples in the window").named("count"),
             State("1", 0.0, "samples still to be replaced after a change").named("unsettled"),
-            State("1", DAMPING, "damping of the next iteration").named("damping"),
+            State("1", newton.DAMPING, "damping of the next iteration").named("damping"),
             State("1", 0.0, "samples, newest first, each in its units",
                   shape=(rows, self.window)).named("kept"),
         ]  # fmt: skip
