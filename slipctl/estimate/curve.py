@@ -122,7 +122,8 @@ def points(
                 raise BadInput(f"{n} is read as {expression}, so {lost[0]} cannot be unknown")
             if missing:
                 raise BadInput(_lacking(law, source, n, names, expression, missing))
-            result = np.asarray(evaluate(expression, _as_dm(given, many), f"{source}: {n}"))
+            columns_of = {k: ca.DM(np.broadcast_to(v, many)) for k, v in given.items()}
+            result = np.asarray(evaluate(expression, columns_of, f"{source}: {n}"))
             found[n] = np.broadcast_to(result.ravel(), many)
         elif n in units:
             u = units[n]
@@ -230,10 +231,6 @@ def _check_single(table: Table | Mapping[str, Any], names: Iterable[str]) -> Non
     for n in names:
         if isinstance(table, Table) and n in table.twice:
             table.find(n)
-
-
-def _as_dm(given: Mapping[str, Any], many: int) -> dict[str, Any]:
-    return {n: ca.DM(np.broadcast_to(v, many)) for n, v in given.items()}
 
 
 def _lacking(

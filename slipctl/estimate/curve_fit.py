@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -19,6 +18,7 @@ from slipctl.block.reach import measured_reach, with_reach
 from slipctl.errors import BadInput, check_known
 from slipctl.estimate import model
 from slipctl.estimate.curve import Curve, parameters_of_columns, points, quantity, settings
+from slipctl.estimate.log_fit.record import origin
 from slipctl.tables.table import read_table
 
 Numbers = Mapping[str, Any]
@@ -77,15 +77,6 @@ class Fitted:
         return float(np.sqrt(np.mean(self.residuals**2)))
 
 
-def _origin(curve: Curve) -> str:
-    """Source of a fitted number: the measured curve, and which bytes it had."""
-    file = Path(curve.source)
-    if not file.is_file():
-        return f"fitted to {curve.source}"
-    digest = hashlib.sha256(file.read_bytes()).hexdigest()
-    return f"fitted to {file.name}, sha256 {digest[:16]}"
-
-
 def fit(
     law: Block,
     data: str | Path | Mapping[str, Any],
@@ -141,8 +132,9 @@ def fit(
     known = {n: v for n, v in told.items() if n not in unknown} | known
     followed, notes = _following(law, source, told, given, known)
     known |= followed
+    signals = {**law.law_data.beside, **law.inputs, **law.params}
     notes += tuple(
-        f"{source}: its comment has {n} = {v:g} {_unit_of(law, n)}; {given[n]:g} is given and taken"
+        f"{source}: its comment has {n} = {v:g} {signals[n].unit}; {given[n]:g} is given and taken"
         for n, v in told.items()
         if n in given and given[n] != v
     )
@@ -242,10 +234,6 @@ def _origins(
         elif n in law.params:
             found[n] = f"the law's own{', ' + s.source if s.source else ''}"
     return found
-
-
-def _unit_of(law: Block, name: str) -> str:
-    return {**law.law_data.beside, **law.inputs, **law.params}[name].unit
 
 
 def _untold(
@@ -443,7 +431,7 @@ def _judged(
     for a, b in tied.items():
         values[a], std[a], interval[a] = values[b], std[b], interval[b]
     values = {n: values[n] for n in unknown}
-    fitted = law.with_params(**values).with_source(_origin(curve), *values)
+    fitted = law.with_params(**values).with_source(origin([curve.source]), *values)
     fitted = with_reach(fitted, measured_reach(law, curve.inputs))
     p = fitted.param_values()
     doubts = tuple(

@@ -52,12 +52,9 @@ def normal_equations(model: Model, sums: ca.Function) -> ca.Function:
     H = slopes.T @ JJ @ slopes / sigma2 + Lambda
     r = slopes.T @ Je / sigma2 + Lambda @ off
     return ca.Function(
-        "normal_equations",
-        [theta, kept, weights, mean, Lambda, sigma2, constants],
-        [J, squares, H, r],
-        list(DATA),
-        ["J", "squares", "H", "r"],
-    )
+        "normal_equations", [theta, kept, weights, mean, Lambda, sigma2, constants],
+        [J, squares, H, r], list(DATA), ["J", "squares", "H", "r"],
+    )  # fmt: skip
 
 
 def iteration(normal: ca.Function) -> ca.Function:

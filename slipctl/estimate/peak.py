@@ -18,7 +18,7 @@ import numpy as np
 
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Input, Output, Param, Signal, State
-from slipctl.errors import BadInput, check_finite, check_known, check_positive, nearest
+from slipctl.errors import BadInput, check_all_known, check_finite, check_known, check_positive
 from slipctl.estimate import model
 
 WORST = 1e3
@@ -136,12 +136,10 @@ def _probe_inputs(law: Block, over: str, unknown: Sequence[str], highest: float)
     """Inputs of a probe: the estimate, how sure it is, and its peak."""
     n, s = len(unknown), law.inputs[over]
     convention: Any = {"positive": s.positive, "per": s.per}
+    covariance = Input("1", "covariance of the unknowns, in their units", shape=(n, n))
     return [
-        *(Input(law.params[k].unit, f"estimate: {law.params[k].doc}").named(k)
-          for k in unknown),
-        Input("1", "covariance of the unknowns, in their units", shape=(n, n)).named(
-            "covariance"
-        ),
+        *(Input(law.params[k].unit, f"estimate: {law.params[k].doc}").named(k) for k in unknown),
+        covariance.named("covariance"),
         Input("1", "1 when the rail has changed").named("changed"),
         Input(s.unit, "peak of the estimated law", **convention).named("best"),
         Input(s.unit, "highest reference now", value=highest, **convention).named("limit"),
@@ -151,24 +149,21 @@ def _probe_inputs(law: Block, over: str, unknown: Sequence[str], highest: float)
 
 def _probe_numbers(unit: str, lowest: float, highest: float, looks: bool) -> list[Signal]:
     """Parameters of a probe."""
-    return [
-        Param("1", 0.4, "how far past the peak to probe, over its place", "chosen", lo=0, hi=2
-              ).named("depth"),
-        Param(unit, lowest, "lowest reference", "given", lo=-1e12, hi=1e12).named("lowest"),
-        Param(unit, highest, "highest reference", "given", lo=-1e12,
-              hi=1e12).named("highest"),
-        Param("1", 0.02, "relative deviation of the peak that ends the probing", "chosen",
-              lo=1e-6, hi=1e12).named("tolerance"),
-        Param("s", 0.3, "longest time of probing", "chosen", lo=0, hi=60).named("longest"),
-        *[
-            Param("s", 1.0, "time after which it looks again", "chosen", lo=0, hi=3600).named(
-                "again"
-            ),
-            Param("s", 0.08, "how long it looks", "chosen", lo=0, hi=60).named("look"),
-            Param("1", 0.15, "how far it looks past the peak, over its place", "chosen", lo=0,
-                  hi=2).named("nudge"),
-        ][: 3 * looks],
+    rows = [
+        ("depth", "1", 0.4, "how far past the peak to probe, over its place", "chosen", 0, 2),
+        ("lowest", unit, lowest, "lowest reference", "given", -1e12, 1e12),
+        ("highest", unit, highest, "highest reference", "given", -1e12, 1e12),
+        ("tolerance", "1", 0.02, "relative deviation of the peak that ends the probing", "chosen",
+         1e-6, 1e12),
+        ("longest", "s", 0.3, "longest time of probing", "chosen", 0, 60),
+        ("again", "s", 1.0, "time after which it looks again", "chosen", 0, 3600),
+        ("look", "s", 0.08, "how long it looks", "chosen", 0, 60),
+        ("nudge", "1", 0.15, "how far it looks past the peak, over its place", "chosen", 0, 2),
     ]  # fmt: skip
+    return [
+        Param(u, value, doc, source, lo=lo, hi=hi).named(n)
+        for n, u, value, doc, source, lo, hi in rows[: 8 if looks else 5]
+    ]
 
 
 class PeakBound(NamedTuple):
@@ -222,10 +217,8 @@ def peak_bound(
     for k in law.inputs:
         if k not in samples:
             raise BadInput(f"peak_bound({law.name}): samples lack {k} [{law.inputs[k].unit}]")
-    for k in (*samples, *(spread or {})):
-        if k not in law.inputs and k not in unknown:
-            names = [*law.inputs, *unknown]
-            raise BadInput(f"peak_bound({law.name}) has no {k!r}{nearest(k, names)}")
+    names = [*law.inputs, *unknown]
+    check_all_known(f"peak_bound({law.name}) has no", (*samples, *(spread or {})), names)
     columns = [np.atleast_1d(np.asarray(samples[k], dtype=float)) for k in law.inputs]
     if not all(np.isfinite(c).all() for c in columns):
         raise BadInput(f"peak_bound({law.name}): samples must be finite numbers")
@@ -267,10 +260,10 @@ def peak_gradient(law: Block, over: str, measured: str, unknown: Sequence[str]) 
 def _deviation(g: np.ndarray, root: np.ndarray) -> float:
     """sqrt(g I^-1 g') with I = root' root; inf where I says nothing along g."""
     scale = np.linalg.norm(root, axis=0)
+    if (g[scale == 0] != 0).any():
+        return math.inf
     if (scale == 0).any():
-        return (
-            math.inf if (g[scale == 0] != 0).any() else _deviation(g[scale > 0], root[:, scale > 0])
-        )
+        return _deviation(g[scale > 0], root[:, scale > 0])
     _, s, v = np.linalg.svd(root / scale, full_matrices=False)
     along = v @ (g / scale)
     seen = s > 1e-12 * s[0]

@@ -298,10 +298,10 @@ class Window:
         """States of the estimator."""
         model, n, unit = self.model, self.model.n, _unit(self.model)
         rows = sum(s.size for s in model.law.inputs.values()) + 1
+        seen = State(f"({unit})^2", 0.0, "noise seen: sigma^2 and mean square residual")
         found = [
             theta_state(model), covariance_state(n),
-            State(f"({unit})^2", 0.0, "noise seen: sigma^2 and mean square residual").named(
-                "scatter"),
+            seen.named("scatter"),
             State("1", model.guess, "centre of what is known besides", shape=(n,)).named("mean"),
             State("1", 0.0, "information besides the window", shape=(n, n)).named("Lambda"),
             State("1", 0.0, "samples in the window").named("count"),
@@ -339,12 +339,11 @@ def _unit(model: Model) -> str:
 def _numbers(model: Model) -> list[Signal]:
     """Parameters of the estimator, beside those of the law that it takes as known."""
     unit = _unit(model)
+    noise = Param(unit, 1e-3, "standard deviation of the measurement", lo=1e-12, hi=1e12)
+    told = "residual taken for a change, over its standard deviation"
     return [
-        Param(unit, 1e-3, "standard deviation of the measurement", lo=1e-12,
-              hi=1e12).named("noise"),
-        spread_param(model.n, 2.0),
-        Param("1", 5.0, "residual taken for a change, over its standard deviation", lo=1,
-              hi=1e12).named("gate"),
+        noise.named("noise"), spread_param(model.n, 2.0),
+        Param("1", 5.0, told, lo=1, hi=1e12).named("gate"),
         Param(unit, 1e12, "largest standard deviation that residuals are taken for noise with;"
               " samples that the law cannot fit would hide the next change", lo=1e-12,
               hi=1e12).named("coarsest"),
@@ -361,6 +360,7 @@ def _numbers(model: Model) -> list[Signal]:
 def _in_hand(model: Model, unit: str, recall: int) -> list[Signal]:
     """States of a fit that is worked out over several ticks."""
     n = model.n
+    mean = State("1", model.guess, "its centre of what is known besides", shape=(n,))
     return [
         State("1", 0.0, "iterations left of the fit in hand").named("left"),
         State("1", model.guess, "coordinates of the fit in hand", shape=(n,)).named("theta_now"),
@@ -368,9 +368,7 @@ def _in_hand(model: Model, unit: str, recall: int) -> list[Signal]:
         State(f"({unit})^2", 0.0, "its sum of squares").named("squares"),
         State("1", 0.0, "its Hessian", shape=(n, n)).named("H"),
         State("1", 0.0, "minus its gradient", shape=(n,)).named("r"),
-        State("1", model.guess, "its centre of what is known besides", shape=(n,)).named(
-            "mean_now"
-        ),
+        mean.named("mean_now"),
         State(f"({unit})^2", 0.0, "its variance of a sample").named("sigma2"),
         State(unit, 0.0, "its sample as it was predicted").named("predicted_then"),
         State(unit, 0.0, "its sample minus that").named("residual_then"),
@@ -412,12 +410,10 @@ def smallest_shift(
         BadInput: a number that is none or negative.
     """
     declared = 1e-3 if declared is None else declared
-    for name, value in (
-        ("noise", noise), ("declared", declared), ("gate", gate), ("echo", echo)
-    ):  # fmt: skip
+    for name, value in dict(noise=noise, declared=declared, gate=gate, echo=echo).items():
         if not 0 <= value < math.inf:
             raise BadInput(f"smallest_shift: {name} = {value:g} must be 0 or positive")
-    for name, count in (("samples", samples), ("latest", latest), ("unknown", unknown)):
+    for name, count in dict(samples=samples, latest=latest, unknown=unknown).items():
         check_whole(f"smallest_shift: {name}", count)
     seen = samples - unknown
     if seen < 2:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -220,11 +219,6 @@ class _Estimator:
             "P": (n * (n + 1) // 2, "its covariance"),
         }  # fmt: skip
         states = [State("1", 0.0, doc, shape=(k,)).named(s) for s, (k, doc) in sizes.items() if k]
-        measured = [
-            s.as_role("input", value=None, doc=f"measured {s.doc or s.name}", lo=-math.inf,
-                      hi=math.inf)
-            for s in problem.measured
-        ]  # fmt: skip
         there = [
             Input("1", f"1, or 0 where the sample of {s.name} is missing", value=1.0, lo=0,
                   hi=1).named(f"seen_{_short(s.name)}")
@@ -236,17 +230,13 @@ class _Estimator:
             for n in self.late
         ]  # fmt: skip
         outputs = [
-            s.as_role("output", value=None, doc=f"estimate: {s.doc or s.name}", lo=-math.inf,
-                      hi=math.inf)
-            for s in problem.unknown
-        ]  # fmt: skip
-        outputs += [
+            *problem.estimates(),
             Output("1", "sum of squares over the number of samples", lo=0, hi=1e30).named("misfit"),
             *status_outputs(STATUS),
         ]
         return make_block(
             name, "step", as_one_call("estimate", self._body), states=states,
-            inputs=[*measured, *there, *problem.known],
+            inputs=[*problem.samples(), *there, *problem.known],
             params=self.params(), outputs=outputs, period=w.period, sx=False, doc=doc_of_maker(mhe),
             choices={
                 "flow": problem.block.name, "samples": M, "iterations": self.iterations,

@@ -111,10 +111,8 @@ def ctukf(
     )  # fmt: skip
 
 
-_SIGMA = (
-    Param("1", 2.0, "spread of the sigma points", "Zhang 2021, Table 3", lo=0, hi=100).named(
-        "sigma"),
-)  # fmt: skip
+_SPREAD = Param("1", 2.0, "spread of the sigma points", "Zhang 2021, Table 3", lo=0, hi=100)
+_SIGMA = (_SPREAD.named("sigma"),)
 _BETA = Param("1", 2.0, "extra weight", "Zhang 2021, Table 3", lo=0, hi=100).named("beta")
 
 
@@ -158,26 +156,11 @@ def ekf(
 
 
 def _filter(
-    kind: str,
-    forms: Sequence[str],
-    block: Block,
-    measured: str | Sequence[str],
-    estimate: str | Sequence[str],
-    *,
-    form: str,
-    per: str,
-    method: str,
-    substeps: int,
-    period: float,
-    numbers: dict[str, float],
-    prior: Numbers,
-    noise: Numbers,
-    drift: Numbers,
-    start: Numbers | None,
-    floor: Numbers | None,
-    cap: Numbers | None,
-    **of_kind: Any,
-) -> Block:
+    kind: str, forms: Sequence[str], block: Block, measured: str | Sequence[str],
+    estimate: str | Sequence[str], *, form: str, per: str, method: str, substeps: int,
+    period: float, numbers: dict[str, float], prior: Numbers, noise: Numbers, drift: Numbers,
+    start: Numbers | None, floor: Numbers | None, cap: Numbers | None, **of_kind: Any,
+) -> Block:  # fmt: skip
     """Check what both filters share, and build the block."""
     who = f"{kind}({block.name})"
     for word, value, known in (("form", form, forms), ("per", per, PER)):
