@@ -228,11 +228,11 @@ def argmax_block(
     return make_block(
         "argmax", "law",
         _peak_body(law, over, maximise, int(points), int(newton), closed_form, value),
-        inputs=objective.search_inputs(given),
+        inputs=objective.of_role("input", given),
         params=[
             Param(x.unit, float(lo), "lowest", lo=-1e12, hi=1e12).named("lo"),
             Param(x.unit, float(hi), "highest", lo=-1e12, hi=1e12).named("hi"),
-            *objective.search_params(given),
+            *objective.of_role("param", given),
         ],
         outputs=objective.best_outputs(law, over, maximise)[: 1 + value],
         choices={"law": law.name, "over": over}

@@ -23,7 +23,6 @@ STEPS = 7
 FARTHEST = 1024.0
 """Largest margin that is looked for."""
 
-
 MARGINS = (1.0, 1.25, 1.5, 2.0)
 """Margins that are tried of a promise whose proof takes long."""
 

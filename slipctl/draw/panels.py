@@ -29,13 +29,9 @@ class Panel(NamedTuple):
 
 
 def make_panel(
-    results: Results,
-    scenario: str,
-    logs: Mapping[str, Any],
-    wanted: str | Sequence[str],
-    span: tuple[float, float] | None,
-    axle: int = 0,
-) -> Panel:
+    results: Results, scenario: str, logs: Mapping[str, Any], wanted: str | Sequence[str],
+    span: tuple[float, float] | None, axle: int = 0,
+) -> Panel:  # fmt: skip
     """One of the panels of ``plots.traces``; of what each axle has its own, that of one axle.
 
     Raises:
@@ -46,10 +42,8 @@ def make_panel(
     if not found:
         known = [str(n) for log in logs.values() for n in log]
         raise BadInput(f"no loop of {scenario} logs {first!r}{nearest(first, known)}")
-    varied = {
-        loop: float(np.abs(np.diff(logs[loop][name].values, axis=0)).sum())
-        for loop, name in found.items()
-    }
+    varied = {loop: float(np.abs(np.diff(logs[loop][name].values, axis=0)).sum())
+              for loop, name in found.items()}  # fmt: skip
     most = max(varied.values()) or 1.0
     curves = {loop: samples(logs[loop], name, span, axle) for loop, name in found.items()}
     loop, name = next(iter(found.items()))

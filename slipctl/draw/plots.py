@@ -43,7 +43,6 @@ def traces(
     span: tuple[float, float] | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
     labels: Mapping[str, str] | None = None,
-    names: Mapping[str, str] | None = None,
 ) -> Figure:
     """Logged signals over time, one panel each, the loops in their colours.
 
@@ -59,7 +58,6 @@ def traces(
         span: times in s from and to which to draw.
         limits: range of the vertical axis by role or name, in the unit of the log.
         labels: axis label without unit by role or name; otherwise the signal's meaning.
-        names: what the legend says of a loop.
     """
     chosen = list(loops) or list(results.data.get(scenario, {}))
     if not chosen:
@@ -78,14 +76,13 @@ def traces(
         for axis, panel in zip(axes[:, 0], drawn, strict=True):
             first, others, unit = panel.first, panel.others, panel.unit
             for loop in [n for n in behind if n in panel.curves]:
-                said = (names or {}).get(loop, loop)
                 line = stroke(
-                    axis, panel.curves[loop], color=hues[loop], ls=dashes[loop], label=said,
+                    axis, panel.curves[loop], color=hues[loop], ls=dashes[loop], label=loop,
                     zorder=2 + 0.01 * behind.index(loop),
                 )  # fmt: skip
                 if loop in panel.axles:
                     live.axles(line, panel.curves[loop][0], panel.axles[loop])
-                entries.setdefault(said, line)
+                entries.setdefault(loop, line)
             for other in others:
                 _references(axis, results, logs, other, span, entries)
             factor, unit = display_scale(unit)
@@ -99,9 +96,8 @@ def traces(
             bands(axis, results, scenario, title=axis is axes[0, 0], axle=axle)
         axes[-1, 0].set_xlabel("time [s]")
         if len(entries) > 1:
-            order = [(names or {}).get(loop, loop) for loop in chosen]
             loops_first = sorted(
-                entries, key=lambda n: order.index(n) if n in order else len(order)
+                entries, key=lambda n: chosen.index(n) if n in chosen else len(chosen)
             )
             fig.legend([entries[n] for n in loops_first], loops_first, ncols=min(len(entries), 6),
                        loc="outside upper center")  # fmt: skip
@@ -109,13 +105,9 @@ def traces(
 
 
 def _references(
-    axis: Axes,
-    results: Results,
-    logs: Mapping[str, Any],
-    wanted: str,
-    span: tuple[float, float] | None,
-    entries: dict[str, Any],
-) -> None:
+    axis: Axes, results: Results, logs: Mapping[str, Any], wanted: str,
+    span: tuple[float, float] | None, entries: dict[str, Any],
+) -> None:  # fmt: skip
     """Draw a reference or a bound in thin grey, once where all loops have the same."""
     found = {
         loop: n for loop, log in logs.items() if (n := shown.logged_name(results, log, wanted))
@@ -338,7 +330,6 @@ def laws(
     conditions: Mapping[str, Mapping[str, float]] | None = None,
     *,
     upto: float = 10.0,
-    start: float = 0.0,
     peaks: Mapping[str, tuple[float, float]] | None = None,
     axis: Axes | None = None,
     title: str = "",
@@ -348,7 +339,7 @@ def laws(
     Args:
         law: from slip, its first input, to adhesion, its first output.
         conditions: parameters by condition; otherwise those that the law declares.
-        start, upto: range of the slip.
+        upto: largest slip, from 0 on.
         peaks: place and height of the peak by condition, to be marked.
         axis: draw here instead of in a new figure.
         title: above the panel.
@@ -357,7 +348,7 @@ def laws(
 
     slip = next(iter(law.inputs.values()))
     out = next(iter(law.outputs.values()))
-    at = np.linspace(start, upto, 401)
+    at = np.linspace(0.0, upto, 401)
     rest = {n: s.value if s.value is not None else 0.0 for n, s in law.inputs.items()}
     curves = {}
     for name, values in (conditions or law.conditions or {law.name: {}}).items():

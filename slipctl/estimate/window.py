@@ -67,7 +67,6 @@ BELIEF = 0.01
 """Samples that the declared noise counts for, beside those seen. Without noise s falls to
 sigma sqrt(BELIEF/count), 1 % of sigma, which keeps H within what float can invert."""
 
-
 KNOWN = ("theta", "P", "scatter", "mean", "Lambda", "count", "kept")
 """What an estimate knows."""
 

@@ -18,7 +18,7 @@ from slipctl.predict.options.offset import SHARE
 from slipctl.predict.options.scenarios import TOGETHER
 from slipctl.predict.qp.active_set import ActiveSet
 from slipctl.predict.qp.line_search import Search
-from slipctl.predict.qp.split_tick import Tick, split_results
+from slipctl.predict.qp.split_tick import split_results
 from slipctl.predict.qp.stage_loops import as_one_call
 from slipctl.predict.qp.status import SMALL, status_outputs
 from slipctl.predict.reference import DEVIATION, QUADRATIC, Sparse, nonlinear
@@ -92,7 +92,8 @@ class Controller:
             b: self.h.model.inputs[self.short[c]]
             for c, pair in self.limits.items() for b in pair if isinstance(b, str)
         }  # fmt: skip
-        signals = [*held, *(_named_limit(b, s) for b, s in limits.items())]
+        signals = [*held, *(Input(s.unit, f"limit: {s.doc}", positive=s.positive).named(b)
+                            for b, s in limits.items())]  # fmt: skip
         return [
             replace(s, shape=(self.h.stages + 1,)) if s.name in self.ahead else s for s in signals
         ]
@@ -118,8 +119,8 @@ class Controller:
             rate = Param(unit, r, f"largest rate: {s.doc}", lo=0, hi=1e12)
             found.append(rate.named(f"{self.short[c]}_rate"))
         for n, limit in self.softs.items():
-            if self._of_scenario(n) > 0:
-                continue  # they share their numbers
+            if self.h.factors and int(n.rpartition(".")[2]) > 0:
+                continue  # scenarios share their numbers
             n = self._limited(n)
             short = _short(n)
             unit = (self.h.model.outputs | self.h.model.states)[n].unit
@@ -144,9 +145,6 @@ class Controller:
         """Name of the limited signal without its scenario."""
         return name.rpartition(".")[0] if self.h.factors else name
 
-    def _of_scenario(self, name: str) -> int:
-        return int(name.rpartition(".")[2]) if self.h.factors else 0
-
     def _command(self, c: str) -> Signal:
         """Control as an output, in the range of the bounds that are parameters."""
         short = self.short[c]
@@ -167,15 +165,17 @@ class Controller:
         """The controller as a step block; ``told``: plant, cost and laws; ``over``: a stage."""
         plant, cost = told[:2]
         model, N = self.h.model, self.h.stages
+        nx, nu = self.h.nx, self.h.nu
         states = [
-            State("1", 0.0, "predicted states, stage by stage", shape=(self.h.nx * (N + 1),)
-                  ).named("X"),
-            State("1", 0.0, "planned controls, scaled", shape=(self.h.nu * N,)).named("U"),
-            State("1", 0.0, "statuses of controls and soft limits", shape=(self.qp.statuses,)
-                  ).named("S"),
-            State("1", 0.0, "control applied last, scaled", shape=(self.h.nu,)).named("applied"),
-            State("1", 0.0, "whether there is a plan").named("planned"),
-        ]  # fmt: skip
+            State("1", 0.0, doc, shape=shape).named(n)
+            for n, doc, shape in (
+                ("X", "predicted states, stage by stage", (nx * (N + 1),)),
+                ("U", "planned controls, scaled", (nu * N,)),
+                ("S", "statuses of controls and soft limits", (self.qp.statuses,)),
+                ("applied", "control applied last, scaled", (nu,)),
+                ("planned", "whether there is a plan", ()),
+            )
+        ]
         if self.split:
             sizes = zip(AHEAD, (self.layout.size * N, self.last.size), strict=True)
             states += [
@@ -188,13 +188,12 @@ class Controller:
             ]
         if self.h.unknown:
             values, many = list(self.h.unknown.values), (len(self.unknown),)
+            gain = State("1", 0.0, "gain of the estimate", shape=(many[0] * nx,))
             states += [
                 State("1", values, "what is not known, estimated", shape=many).named("unknown"),
-                State("1", 0.0, "state expected at the next tick", shape=(self.h.nx,)
-                      ).named("expected"),
-                State("1", 0.0, "gain of the estimate", shape=(many[0] * self.h.nx,)
-                      ).named("gain"),
-            ]  # fmt: skip
+                State("1", 0.0, "state expected at the next tick", shape=(nx,)).named("expected"),
+                gain.named("gain"),
+            ]
         if self.solver != "riccati":
             text = f"NaN where the answer of {self.solver} leaves the conditions of optimality"
             states.insert(0, State("1", 0.0, text).named(f"answer_of_{self.solver}"))
@@ -305,8 +304,8 @@ class Controller:
             return self._learnt(xs, nxt, out, *learn)
         only, kept = xs[PREPARE] > 0, tuple(xs[n] for n in AHEAD)
         still = (xs["applied"], xs["planned"], xs["applied"] * self.scale, *[ca.MX(0)] * 3)
-        tick = Tick(only, xs["prepared"], plan, kept, given, measured, still)
-        rest, ahead = split_results(self._prepare, self._feedback, tick)
+        parts = (plan, kept, given, measured, still)
+        rest, ahead = split_results(self._prepare, self._feedback, only, xs["prepared"], *parts)
         nxt, out = self._learnt(xs, *self._named(*rest), *learn)
         nxt |= {n: ca.if_else(only, xs[n], nxt[n]) for n in LEARNT if self.unknown}
         ready = ca.logic_and(only, xs["planned"] > 0)
@@ -466,10 +465,6 @@ class Controller:
 
 def _per(unit: str) -> str:
     return "1" if unit == "1" else f"1/({unit})"
-
-
-def _named_limit(name: str, s: Signal) -> Signal:
-    return Input(s.unit, f"limit: {s.doc}", positive=s.positive).named(name)
 
 
 def _short(name: str) -> str:

@@ -269,10 +269,7 @@ TINY = 1e-30
 
 def symmetric(lower: Any, n: int) -> Any:
     """Matrix from its lower triangle, row by row."""
-    at = {(i, j): i * (i + 1) // 2 + j for i in range(n) for j in range(i + 1)}
-    return ca.vertcat(
-        *[ca.horzcat(*[lower[at[max(i, j), min(i, j)]] for j in range(n)]) for i in range(n)]
-    )
+    return ca.triu2symm(ca.SX(ca.Sparsity.upper(n), lower))
 
 
 def triangle(P: Any) -> Any:

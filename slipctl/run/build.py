@@ -315,13 +315,9 @@ def _hastened(text: str) -> str:
 
 
 def roll_interpreted(
-    f: ca.Function,
-    x: np.ndarray,
-    u: np.ndarray,
-    p: np.ndarray,
-    x_log: np.ndarray,
+    f: ca.Function, x: np.ndarray, u: np.ndarray, p: np.ndarray, x_log: np.ndarray,
     y_log: np.ndarray,
-) -> int:
+) -> int:  # fmt: skip
     """Do what :meth:`Roller.roll` does, in CasADi's virtual machine."""
     now, following = np.array(x, dtype=float).ravel(), np.empty(f.size1_out(0))
     fed, output = np.empty(f.size1_in(1)), np.empty(f.size1_out(1))

@@ -12,7 +12,7 @@ import numpy as np
 
 from slipctl.block.block import Block, as_block
 from slipctl.block.signals import total_size
-from slipctl.errors import BadInput, RunFailed, check_whole, nearest
+from slipctl.errors import BadInput, RunFailed, check_known, check_whole
 from slipctl.run import build
 from slipctl.run.logs.run_log import Log, Rows, log_columns
 from slipctl.run.numbers import Template, check_guards, template
@@ -304,8 +304,7 @@ def _ticks(loop: Block, scenario: Scenario, every: int) -> int:
 def _check_logged(loop: Block, wanted: set[str] | None) -> None:
     known = {s.name for s in loop.signals if s.role != "param"}
     for n in wanted or ():
-        if n not in known:
-            raise BadInput(f"{loop.name} has no signal {n!r} to log{nearest(n, known)}")
+        check_known(f"{loop.name} has no signal", n, known, " to log")
 
 
 def _broken(loop: Block, x: np.ndarray, when: float) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slipctl import registry
-from slipctl.errors import BadInput, check_kinds, nearest
+from slipctl.errors import BadInput, check_kinds, check_known, nearest
 
 if TYPE_CHECKING:
     import xarray
@@ -55,8 +55,6 @@ def known_column(known: Known, rail: Rail | None, where: Any, log: Any) -> np.nd
     values: Any = known.values
     if callable(values):
         values = np.asarray(values(log), dtype=float)
-        if known.behind:
-            return np.asarray(values)
     elif isinstance(values, Sequence):
         if rail is None or where is None:
             values = values[0]
@@ -66,8 +64,8 @@ def known_column(known: Known, rail: Rail | None, where: Any, log: Any) -> np.nd
                 there = there[:, None] - np.array(known.behind) * (rail.by != "time")
             section = np.searchsorted(rail.starts, there, side="right") - 1
             values = np.asarray(values, dtype=float)[np.maximum(section, 0)]
-            if known.behind:
-                return np.asarray(values)
+    if known.behind and np.ndim(values) > 1:
+        return np.asarray(values)
     return np.array(np.broadcast_to(values, log["time"].shape), dtype=float)
 
 
@@ -165,10 +163,7 @@ class Table:
             raise BadInput(f"table {self.title!r}: columns of unequal length, {lengths}")
 
     def __getitem__(self, column: str) -> Sequence[Any]:
-        if column not in self.columns:
-            raise BadInput(
-                f"table {self.title!r} has no column {column!r}{nearest(column, self.columns)}"
-            )
+        check_known(f"table {self.title!r} has no column", column, self.columns)
         return self.columns[column][1]
 
     def where(self, wanted: str, **given: Any) -> Any:
@@ -251,8 +246,7 @@ class Results:
             BadInput: it has no such parameter.
         """
         values = self.loop(scenario, loop).values_by_place()
-        if path not in values:
-            raise BadInput(f"{loop} has no parameter {path!r}{nearest(path, values)}")
+        check_known(f"{loop} has no parameter", path, values)
         return float(np.ravel(values[path])[0])
 
     def log(self, scenario: str, loop: str) -> xarray.Dataset:

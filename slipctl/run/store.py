@@ -29,10 +29,8 @@ FORMAT = 1
 PART = ".slipctl."
 """How the name of a file begins that is not whole yet."""
 
-
 DEVICES = {"con", "prn", "aux", "nul", *(f"{k}{n}" for k in ("com", "lpt") for n in range(1, 10))}
 """Names that Windows keeps for devices, also with an ending: ``nul.json`` is no file there."""
-
 
 LONGEST_NAME = 255
 """Bytes of a name in a folder, on Linux, macOS and Windows."""

@@ -12,7 +12,7 @@ from slipctl.analysis import objective
 from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
 from slipctl.block.signals import Param, Signal, State
 from slipctl.block.text.intermediates import remember_locals
-from slipctl.errors import BadInput, check_number, check_range, check_whole
+from slipctl.errors import BadInput, check_number, check_range, check_whole, refuse_unknown_choice
 from slipctl.seek import random as wh
 
 FORMS = ("consistent", "printed-alg1")
@@ -85,8 +85,8 @@ def differential_evolution(
     whole, spread = _bodies(given, value_of, n, worse, generations, int(per_tick))
     return make_block(
         "differential_evolution", "step", spread if many else whole,
-        states=states, inputs=objective.search_inputs(given),
-        params=[*numbers, *objective.search_params(given)],
+        states=states, inputs=objective.of_role("input", given),
+        params=[*numbers, *objective.of_role("param", given)],
         outputs=objective.best_outputs(law, over, maximise), sx=False,
         doc=doc_of_maker(differential_evolution),
         choices={
@@ -143,13 +143,13 @@ def _bodies(
 
 def _numbers(unit: str, lo: float, hi: float, crossover: float) -> list[Signal]:
     """Parameters of a search."""
+    told = "factor in the last generation", "guess, not in the paper"
     return [
         Param(unit, lo, "lowest", lo=-1e12, hi=1e12).named("lo"),
         Param(unit, hi, "highest", lo=-1e12, hi=1e12).named("hi"),
         Param("1", crossover, "probability of a trial", lo=0, hi=1).named("crossover"),
-        Param("1", 0.5, "factor in the last generation", "guess, not in the paper", lo=0.01, hi=2
-              ).named("F0"),
-    ]  # fmt: skip
+        Param("1", 0.5, *told, lo=0.01, hi=2).named("F0"),
+    ]
 
 
 def _memory(place: str, value: str, n: int, known: int) -> list[Signal]:
@@ -179,8 +179,7 @@ def _check(
     if not 0 <= crossover <= 1:
         raise BadInput(f"{where}: crossover = {crossover:g} must lie in 0..1")
     check_whole(f"{where}: generations", generations)
-    if form not in FORMS:
-        raise BadInput(f"{where} has no form {form!r}; it has {', '.join(FORMS)}")
+    refuse_unknown_choice(where, "form", form, FORMS)
 
 
 def _first(value_of: ca.Function, n: int, worse: float) -> Callable[..., tuple[Any, Any, Any]]:

@@ -87,8 +87,8 @@ def particle_swarm(
 
     return make_block(
         "particle_swarm", "step", body,
-        states=[wh.random_state(seed)], inputs=objective.search_inputs(given),
-        params=[*settings, *objective.search_params(given)],
+        states=[wh.random_state(seed)], inputs=objective.of_role("input", given),
+        params=[*settings, *objective.of_role("param", given)],
         outputs=[*(Output(law.inputs[k].unit, f"best {law.inputs[k].doc}").named(k)
                    for k in names), objective.value_there(law, minimise)],
         sx=False, doc=doc_of_maker(particle_swarm),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -85,7 +86,9 @@ class Rolled:
         self.states = list(flow.states)
         self.start = np.array([start[n] for n in self.states])
         self.columns = len(unknown) + bool(free) + bool(delayed)
-        self._made: dict[Any, ca.Function] = {}
+        self._step, self._output = cache(self._make_step), cache(self._make_output)
+        self._steps = cache(lambda parts, many: self._step(parts).mapaccum(many))
+        self._outputs = cache(lambda many: self._output().map(many))
 
     def _symbols(self) -> tuple[Any, ...]:
         sym: Any = ca.SX.sym if self.flow.sx else ca.MX.sym
@@ -102,7 +105,7 @@ class Rolled:
         y = {**self.flow.unpack("state", x), **y}[self.output]
         return stack_column(n[k] for k in self.states), y
 
-    def _step(self, parts: int) -> ca.Function:
+    def _make_step(self, parts: int) -> ca.Function:
         """Function (z, u, q, c, h, dh) -> z of state and slopes after an interval."""
         x, u, q, c = self._symbols()
         sym: Any = ca.SX.sym if self.flow.sx else ca.MX.sym
@@ -131,22 +134,12 @@ class Rolled:
         moved = step(whole[:n], ca.reshape(whole[n:], n, w), *given)
         return ca.Function("step", [whole, *given], [moved])
 
-    def _output(self) -> ca.Function:
+    def _make_output(self) -> ca.Function:
         """Function (x, u, q, c) -> output, its slopes by x and by q."""
         x, u, q, c = self._symbols()
         y = self._equations(x, u, q, c)[1]
         rows = [ca.densify(ca.jacobian(y, k)) for k in (x, q)]
         return ca.Function("output", [x, u, q, c], [y, *rows], {"cse": True})
-
-    def _function(self, key: tuple[Any, ...]) -> ca.Function:
-        if key not in self._made:
-            if key[0] == "step":
-                one = self._made.setdefault(key[:2], self._step(key[1]))
-                self._made[key] = one.mapaccum(key[2])
-            else:
-                one = self._made.setdefault(key[:1], self._output())
-                self._made[key] = one.map(key[1])
-        return self._made[key]
 
     def _grid(
         self, piece: Stretch, dead: float
@@ -192,7 +185,7 @@ class Rolled:
             S0[at, len(self.unknown)] = 1.0
         z0 = np.concatenate([x0, S0.ravel(order="F")])
         many = h.size
-        f = self._function(("step", parts, many))
+        f = self._steps(parts, many)
         fixed = [np.tile(np.asarray(v, dtype=float).reshape(-1, 1), (1, many))
                  for v in (q, self.constants.full())]  # fmt: skip
         z = f(z0, u, *fixed, h.reshape(1, -1), dh.reshape(1, -1)).full()
@@ -200,7 +193,7 @@ class Rolled:
         x, S = z[:n], z[n:].reshape(w, n, -1)
         count = samples.size
         now = np.array([piece.inputs[k] for k in self.flow.inputs]).reshape(-1, count)
-        y, by_x, by_q = self._function(("output", count))(
+        y, by_x, by_q = self._outputs(count)(
             x, now, *(np.tile(v[:, :1], (1, count)) for v in fixed)
         )
         by_x = by_x.full().reshape(n, count, order="F")

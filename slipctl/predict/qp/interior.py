@@ -33,7 +33,6 @@ from slipctl.block.text.intermediates import elements, function, remember_locals
 from slipctl.predict.qp import interior_tolerances as tolerance
 from slipctl.predict.qp.stage_loops import Repeated, scan
 from slipctl.predict.qp.status import DATA, FASTER, FREE, HIGH, NONE, SMALL, TIED
-from slipctl.predict.qp.step_length import mean_of, reach_of
 
 if TYPE_CHECKING:
     from slipctl.predict.qp.active_set import ActiveSet
@@ -480,3 +479,17 @@ class Interior:
         symbols = [ca.MX.sym("z", sum(self.of.sizes)), *self.of.data()]
         stay = ca.Function("qp_settled", symbols, [symbols[0]], ["z", *DATA], ["z_next"])
         return ca.Function.if_else("qp_rescue", self._rescue(), stay)
+
+
+def reach_of(values: list[Any], steps: list[Any], part: float) -> Any:
+    """Longest share of a step, at most 1, that leaves (1 - part) of each value."""
+    v, d = ca.vertcat(*values), ca.vertcat(*steps)
+    shortest = ca.mmin(ca.if_else(d < 0, -v / d, 1 / part))
+    return ca.fmin(1, part * shortest)
+
+
+def mean_of(values: list[Any]) -> Any:
+    """Mean of s l and t n."""
+    l, s, t, n = values
+    products, capped_products = ca.dot(l, s), ca.dot(t, n)
+    return (products + capped_products) / (l.numel() + t.numel())

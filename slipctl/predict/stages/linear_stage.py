@@ -8,7 +8,7 @@ parameters and weights alone is computed once for all stages.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 
@@ -25,24 +25,14 @@ EXPLICIT = {"euler": ((), (1.0,)), "rk4": ((1 / 2, 1 / 2, 1.0), (1.0, 2.0, 2.0, 
 """Methods: how far each rate leads to the next one, and the weights of the rates."""
 
 
-class Linearised(NamedTuple):
-    """Functions of a stage.
-
-    Attributes:
-        once: Function q -> column of what all stages share.
-        stage: Function (x, v, d, that column, next x) -> column of a stage.
-        layout: how it is packed.
-        step: Function (x, v, d, that column) -> state after the stage.
-    """
-
-    once: ca.Function
-    stage: ca.Function
-    layout: Layout
-    step: ca.Function
-
-
-def stage_functions(where: str, problem: Horizon) -> Linearised:
+def stage_functions(
+    where: str, problem: Horizon
+) -> tuple[ca.Function, ca.Function, Layout, ca.Function]:
     """Functions of a stage of a problem.
+
+    Returns:
+        Function q -> column of what all stages share; Function (x, v, d, that column, next x) ->
+        column of a stage, and how it is packed; Function (x, v, d, that column) -> next x.
 
     Raises:
         BadInput: the plant cannot be differentiated, or the stage is too large.
@@ -77,7 +67,7 @@ def stage_functions(where: str, problem: Horizon) -> Linearised:
     stage = ca.Function("stage", [x, u, d, c, following], [ca.vertcat(*packed)],
                         [*names, "point_after"], ["column"])  # fmt: skip
     step = ca.Function("stage_step", [x, u, d, c], [after], names, ["point_next"])
-    return Linearised(once, stage, layout, step)
+    return once, stage, layout, step
 
 
 def motion_of(where: str, problem: Horizon) -> tuple[ca.Function, int]:

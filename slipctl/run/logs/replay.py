@@ -10,7 +10,7 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.transforms.discretisation import sampled
-from slipctl.errors import BadInput, Faults, check_positive, nearest
+from slipctl.errors import BadInput, Faults, check_known, check_positive
 from slipctl.run.logs import log_signals
 from slipctl.run.logs.log_signals import Source
 from slipctl.run.logs.recorded_log import Recording
@@ -154,8 +154,7 @@ def replay(
         Faults: what is wrong with mapping and settings, all at once.
         BadInput: no tick fits, an unknown rule.
     """
-    if rule not in RULES:
-        raise BadInput(f"there is no rule {rule!r}{nearest(rule, RULES)}")
+    check_known("there is no rule", rule, RULES)
     if log.begins:
         row = f"{log.table.line} {log.table.lines[log.rows[log.begins[0]]]}"
         raise BadInput(f"{log.source}: the time goes back in {row}, where a further run begins;"

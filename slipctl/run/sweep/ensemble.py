@@ -16,7 +16,7 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.block.shared_numbers import targets
 from slipctl.block.units.unit_algebra import parse_quantity
-from slipctl.errors import BadInput, check_kinds, nearest
+from slipctl.errors import BadInput, check_kinds, check_known, nearest
 from slipctl.run.metrics import Metric
 from slipctl.run.rail import Rail, Scenario
 from slipctl.run.results import Known
@@ -83,8 +83,7 @@ def read_ensemble(where: str, given: Any) -> Ensemble:
     if not isinstance(given, Mapping):
         raise BadInput(f"{where}: the ensemble is {given!r}; write a table with {', '.join(KEYS)}")
     for key in given:
-        if key not in KEYS:
-            raise BadInput(f"{where} has no entry {key!r} of an ensemble{nearest(key, KEYS)}")
+        check_known(f"{where} has no entry", key, KEYS, " of an ensemble")
     for key in ("draw", "scale"):
         rows = given.get(key, {})
         if not isinstance(rows, Mapping):
@@ -289,7 +288,9 @@ class World:
             RunFailed: a state became NaN or infinite.
         """
         given = {**draw.numbers, **numbers}
-        return self.measured.on(given, draw.scenario, draw.known, self.wanted)
+        scenario = draw.scenario
+        log = self.measured.prepared(given, seed=scenario.seed, rail=scenario.rail)
+        return self.measured.metrics(log, scenario, draw.known, self.wanted)
 
 
 def _times(values: Any, by: float) -> float | Sequence[float]:

@@ -95,10 +95,8 @@ def _meant(name: str, loop: Block, scenario: Scenario, door: str) -> list[str]:
     """Parameters and start values that a name sets; refuses what has no effect."""
     found = targets(loop, name, ("param", "state"))
     if not found:
-        names = dict.fromkeys(
-            ".".join(n.split(".")[k:]) for n in (*loop.params, *loop.states)
-            for k in range(n.count("."), -1, -1)
-        )  # fmt: skip
+        names = dict.fromkeys(".".join(n.split(".")[k:]) for n in (*loop.params, *loop.states)
+                              for k in range(n.count("."), -1, -1))  # fmt: skip
         raise BadInput(f"{loop.name} has no parameter {name!r}{nearest(name, names)}")
     by_rail = {n for group in rail_values(loop_at_start(loop, scenario), scenario) for n in group}
     if ruled := [n for n in found if n in by_rail]:
@@ -226,14 +224,9 @@ def _seeded(engine: Any, seed: int) -> dict[str, Any]:
 
 
 def plan_of(
-    loop: Block,
-    scenario: Scenario,
-    vary: Sequence[str] | Mapping[str, Sequence[float]],
-    samples: int = 1,
-    seed: int = 1,
-    design: str = "random",
-    more: Sequence[Axis] = (),
-) -> Plan:
+    loop: Block, scenario: Scenario, vary: Sequence[str] | Mapping[str, Sequence[float]],
+    samples: int = 1, seed: int = 1, design: str = "random", more: Sequence[Axis] = (),
+) -> Plan:  # fmt: skip
     """Plan of a sweep.
 
     Args:

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slipctl.block.block import Block, as_block
-from slipctl.errors import BadInput, RunFailed, check_whole, nearest
+from slipctl.errors import BadInput, RunFailed, check_known, check_whole
 from slipctl.run import interrupts, machine
 from slipctl.run import metrics as measures
 from slipctl.run.logs.run_log import Log, log_columns
 from slipctl.run.metrics import Run
-from slipctl.run.preparation import Prepared, prepare
+from slipctl.run.preparation import prepare
 from slipctl.run.rail import Scenario
 from slipctl.run.results import Known, known_column
 from slipctl.run.roles import Signals
@@ -208,7 +208,7 @@ class Measured:
         asked = [k for k in self.known.values() if callable(k.values)]
         reads = [n for k in asked for n in k.reads]
         wanted = self._read(reads) if all(k.reads for k in asked) else None
-        self._run = prepare(
+        self.prepared = prepare(
             self.loop, self.scenario, compile=self.compile, log=wanted, runs=self.runs
         )
         last = {s.name: s.name.rpartition(".")[2] for s in self.loop.signals}
@@ -218,10 +218,7 @@ class Measured:
             if s.role != "param" and last[s.name] != "tick" and not last[s.name].startswith("held_")
         }
         for name in self.logs:
-            if name not in there:
-                raise BadInput(
-                    f"{self.loop.name} has no signal {name!r} to log{nearest(name, there)}"
-                )
+            check_known(f"{self.loop.name} has no signal", name, there, " to log")
             if there[name].shape:
                 raise BadInput(f"{name} has shape {there[name].shape}; --log keeps single numbers")
 
@@ -242,28 +239,16 @@ class Measured:
         """Roll and measure; a run that breaks says why."""
         try:
             if self.world is None:
-                log = self._run(numbers)
+                log = self.prepared(numbers)
                 found = self.metrics(log)
             else:
                 given, draw = self.world.run(numbers, run)
-                log = self._run(given, seed=draw.scenario.seed, rail=draw.scenario.rail)
+                log = self.prepared(given, seed=draw.scenario.seed, rail=draw.scenario.rail)
                 found = self.metrics(log, draw.scenario, draw.known)
             kept = {n: np.array(log[n]) for n in self.logs}
             return Ended(run, numbers, found, logs=kept)
         except (BadInput, RunFailed) as error:
             return Ended(run, numbers, failed=str(error))
-
-    def on(
-        self, numbers: Mapping[str, float], scenario: Scenario, known: Mapping[str, Known],
-        wanted: Sequence[str] | None = None,
-    ) -> dict[str, Any]:  # fmt: skip
-        """Metrics with the seed and the rail of another scenario, and what is known of it.
-
-        Raises:
-            BadInput, RunFailed: as the run does.
-        """
-        log = self._run(numbers, seed=scenario.seed, rail=scenario.rail)
-        return self.metrics(log, scenario, known, wanted)
 
     def metrics(
         self, log: Log, scenario: Scenario | None = None, known: Mapping[str, Known] | None = None,
@@ -286,11 +271,6 @@ class Measured:
         changes = measures.rail_changes(seen, scenario, self.signals)
         names = measures.rail_names(scenario, changes)
         return Run(seen, self.signals, changes, rails=names)
-
-    @property
-    def prepared(self) -> Prepared:
-        """What rolls."""
-        return self._run
 
     def fingerprint(self) -> str:
         """Hash of the loop's own run: its numbers, its inputs, and how this machine computes."""
