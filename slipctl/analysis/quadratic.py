@@ -56,8 +56,9 @@ def qp_kernel(H: np.ndarray, A: np.ndarray, iterations: int = 25) -> ca.Function
         reached = ca.mtimes(rows, solved)
         moved = RELAXATION * reached + (1 - RELAXATION) * z
         following = ca.fmax(lo, ca.fmin(hi, moved + y / weight))
-        mixed = RELAXATION * solved + (1 - RELAXATION) * x
-        after = ca.vertcat(mixed, following, y + weight * (moved - following))
+        after = ca.vertcat(
+            RELAXATION * solved + (1 - RELAXATION) * x, following, y + weight * (moved - following)
+        )  # fmt: skip
         return "qp_iteration", [point, problem], [after], ["point", "problem"], ["point_next"]
 
     whole = one().fold(int(iterations))
