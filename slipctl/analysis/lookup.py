@@ -96,9 +96,7 @@ def _peaks(
     ends: tuple[float, float], rails: Sequence[Mapping[str, float]],
 ) -> Callable[[float], np.ndarray]:  # fmt: skip
     """Function of ``by``: places and heights of the peak on each rail, one row each."""
-    found = [
-        objective_functions(where, law, [over], maximise, {by: 0.0, **values}) for values in rails
-    ]
+    found = [objective_functions(where, law, [over], maximise, {by: 0.0, **v}) for v in rails]
     column = [n for n in law.inputs if n != over].index(by)
 
     def peaks(x: float) -> np.ndarray:

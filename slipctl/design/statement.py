@@ -169,9 +169,7 @@ def check(given: Mapping[str, Any]) -> list[Claim]:
         share = rational(entry["share"], f"{where}.share")
         if _beyond(seen, entry["upper"] is True, limit) != beyond:
             raise DoesNotHold(f"{where}: {beyond} violations are not what its draws show")
-        if not 0 <= share <= 1 or not (
-            share == 0 or binomial.holds(draws, beyond, 1 - share, beta)
-        ):
+        if not (0 <= share <= 1 and (share == 0 or binomial.holds(draws, beyond, 1 - share, beta))):
             raise DoesNotHold(f"{where}: its draws do not prove the share {share}")
         sign = "<=" if entry["upper"] is True else ">="
         said = f"{str(entry['metric'])[:80]} {sign} {limit:.17g} {str(entry['unit'])[:40]}"

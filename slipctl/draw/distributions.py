@@ -117,9 +117,8 @@ def differences(
             lost, won = np.count_nonzero(d == np.inf), np.count_nonzero(d == -np.inf)
             said = f"{name} - {base}" + (f"; {lost} where {name} never came" if lost else "")
             said += f"; {won} where {base} never came" if won else ""
-            axis.plot(
-                share[seen], d[seen], ".", ms=4 + 40 / (8 + d.size), color=hues[name], label=said
-            )
+            size = 4 + 40 / (8 + d.size)
+            axis.plot(share[seen], d[seen], ".", ms=size, color=hues[name], label=said)
         axis.axhline(0, color=looks.BLACK, lw=0.9)
         axis.set_xlim(0, 100)
         axis.set_xlabel(looks.label("share of the draws", "%"))

@@ -51,14 +51,10 @@ def make_panel(
     unit = str(signal.attrs.get("units", "1"))
     every = {loop: each_axle(logs[loop], name, span) for loop, name in found.items()}
     axles = {loop: a for loop, a in every.items() if a is not None}
-    return Panel(
-        first, others, curves, rough, _said(first, short_meaning(signal, name)), unit, axles
-    )
-
-
-def _said(wanted: str, text: str) -> str:
-    """Meaning of a signal; of one that only says how it was made, its role."""
-    return wanted.replace("_", " ") if text.startswith("signal with") else text
+    text = short_meaning(signal, name)
+    if text.startswith("signal with"):  # it only says how it was made
+        text = first.replace("_", " ")
+    return Panel(first, others, curves, rough, text, unit, axles)
 
 
 def short_meaning(signal: Any, name: str) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 
 from slipctl.block.units.unit_algebra import display_scale
 from slipctl.draw import live, looks
-from slipctl.draw import panels as shown
+from slipctl.draw import panels as seen
 from slipctl.draw.distributions import limit_line
 from slipctl.draw.distributions import spread as spread
 from slipctl.draw.looks import BLACK, GREY, ORANGE, colour, dash, hues_of, label, panels, style
@@ -65,8 +65,8 @@ def traces(
     logs = {loop: results.log(scenario, loop) for loop in chosen}
     fig, axes = panels(len(signals), sharex=True)
     entries: dict[str, Any] = {}
-    axle = shown.chosen_axle(results, logs, signals)
-    drawn = [shown.make_panel(results, scenario, logs, w, span, axle or 0) for w in signals]
+    axle = seen.chosen_axle(results, logs, signals)
+    drawn = [seen.make_panel(results, scenario, logs, w, span, axle or 0) for w in signals]
     rough = {loop: sum(panel.rough.get(loop, 0.0) for panel in drawn) for loop in logs}
     behind = sorted(rough, key=lambda loop: -rough[loop])  # chattering ones do not cover
     dashes = looks.line_styles([panel.curves for panel in drawn], behind)
@@ -96,9 +96,7 @@ def traces(
             bands(axis, results, scenario, title=axis is axes[0, 0], axle=axle)
         axes[-1, 0].set_xlabel("time [s]")
         if len(entries) > 1:
-            loops_first = sorted(
-                entries, key=lambda n: chosen.index(n) if n in chosen else len(chosen)
-            )
+            loops_first = list(dict.fromkeys([*(n for n in chosen if n in entries), *entries]))
             fig.legend([entries[n] for n in loops_first], loops_first, ncols=min(len(entries), 6),
                        loc="outside upper center")  # fmt: skip
     return fig
@@ -109,17 +107,15 @@ def _references(
     span: tuple[float, float] | None, entries: dict[str, Any],
 ) -> None:  # fmt: skip
     """Draw a reference or a bound in thin grey, once where all loops have the same."""
-    found = {
-        loop: n for loop, log in logs.items() if (n := shown.logged_name(results, log, wanted))
-    }
+    found = {loop: n for loop, log in logs.items() if (n := seen.logged_name(results, log, wanted))}
     drawn: list[np.ndarray] = []
     for loop, name in found.items():
         values = logs[loop][name].values
         if any(np.array_equal(values, d) for d in drawn):
             continue
         drawn.append(values)
-        said = shown.short_meaning(logs[loop][name], name)
-        curve = shown.samples(logs[loop], name, span)
+        said = seen.short_meaning(logs[loop][name], name)
+        curve = seen.samples(logs[loop], name, span)
         line = stroke(axis, curve, color=GREY, ls=(0, (4, 2)), lw=0.9, zorder=3, label=said)
         entries.setdefault(said, line)
 
@@ -134,10 +130,10 @@ def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
     fig, axes = panels(len(loops), height=1.5, sharex=True, sharey=True)
     roles, hues = results.study.signals, hues_of(list(results.data[scenario]))
     case = next(c for c in results.cases if c.scenario.name == scenario)
-    axle = shown.chosen_axle(results, logs, ["slip"])
+    axle = seen.chosen_axle(results, logs, ["slip"])
     with style():
         for axis, (loop, log) in zip(axes[:, 0], logs.items(), strict=True):
-            t, v = shown.samples(log, roles.find("speed", log), None)
+            t, v = seen.samples(log, roles.find("speed", log), None)
             slip = roles.find("slip", log)
             by_ratio = log[slip].attrs.get("units") != "m/s"
 
@@ -145,9 +141,9 @@ def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
                 s = roles.slip_sign(log) * s
                 return v * (1 - s) if by_ratio else v - s
 
-            s = shown.samples(log, slip, None, axle or 0)[1]
+            s = seen.samples(log, slip, None, axle or 0)[1]
             line = stroke(axis, (t, rim(s)), color=hues[loop], label=f"rim, {loop}")
-            every = shown.each_axle(log, slip, None)
+            every = seen.each_axle(log, slip, None)
             if every is not None:
                 live.axles(line, t, rim(every, v=v[:, None]))
             stroke(axis, (t, v), color=GREY, lw=0.9, ls=(0, (4, 2)), label="vehicle")
@@ -219,15 +215,14 @@ def bands(
     def spans(of: int | None) -> list[tuple[float, float]]:
         changes = list(log.attrs.get("rail_changes_s", []))
         if of is not None and rail.by != "time":
-            changes = shown.arrivals(results, log, list(rail.starts[1:]), of) or changes
+            changes = seen.arrivals(results, log, list(rail.starts[1:]), of) or changes
         starts = [0.0, *changes]
         return list(zip(starts, [*starts[1:], _last(results, case)], strict=True))
 
     many = _axles(results, log) if axle is not None and rail.by != "time" else 0
-    names = [(s.condition or "").replace("_", " ") for s in rail.sections]
-    hues = [
-        looks.RAILS.get((s.condition or "").partition("_")[0], "#FFFFFF") for s in rail.sections
-    ]
+    conditions = [s.condition or "" for s in rail.sections]
+    names = [c.replace("_", " ") for c in conditions]
+    hues = [looks.RAILS.get(c.partition("_")[0], "#FFFFFF") for c in conditions]
     if many:
         told = names if title else [""] * len(names)
         live.bands(axis, [
@@ -354,9 +349,8 @@ def laws(
     for name, values in (conditions or law.conditions or {law.name: {}}).items():
         p = law.pack("param", law.param_values(**values))
         columns = [at if n == slip.name else np.full(at.size, float(v)) for n, v in rest.items()]
-        y = law.f.map(at.size)(
-            ca.DM(0, at.size), ca.DM(np.array(columns)), ca.repmat(p, 1, at.size)
-        )
+        given = ca.DM(0, at.size), ca.DM(np.array(columns)), ca.repmat(p, 1, at.size)
+        y = law.f.map(at.size)(*given)
         index = list(law.outputs).index(out.name)
         curves[name] = (at, np.array(y[1]).reshape(-1, at.size)[index])
     across, up = (s.doc.partition(",")[0] or s.name for s in (slip, out))
@@ -390,9 +384,9 @@ def bars(
         for k, member in enumerate(members):
             at = [g + (k - (len(members) - 1) / 2) * width for g in range(len(groups))]
             heights = [group.get(member) for group in groups.values()]
-            shown = [(a, h) for a, h in zip(at, heights, strict=True) if h is not None]
-            if shown:
-                places, tops = zip(*shown, strict=True)
+            seen = [(a, h) for a, h in zip(at, heights, strict=True) if h is not None]
+            if seen:
+                places, tops = zip(*seen, strict=True)
                 hatch = "///" if "_printed" in member else None
                 axis.bar(places, tops, 0.9 * width, color=hues[member], label=member, hatch=hatch,
                          edgecolor="white", lw=0)  # fmt: skip

@@ -220,9 +220,8 @@ def _expressions(
         found[n] = python_name(said.text)
         for key, column in said.columns.items():
             wanted = signals[n].unit if said.plain else ""
-            data.units[python_name(key)] = unit_of_column(
-                table, column, said.told[key], wanted, notes
-            )
+            own = unit_of_column(table, column, said.told[key], wanted, notes)
+            data.units[python_name(key)] = own
     return found, [f"{table.path}: {line}" for line in notes]
 
 

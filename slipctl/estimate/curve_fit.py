@@ -149,9 +149,8 @@ def fit(
     tied = {a: b for a, b in law.orders() if ordered and free[0][a] < free[0][b]}
     if tied:
         equal = {b: math.sqrt(free[0][a] * free[0][b]) for a, b in tied.items()}
-        free = _solve(
-            law.with_params(**tied, **equal), curve, [n for n in unknown if n not in tied]
-        )
+        rest = [n for n in unknown if n not in tied]
+        free = _solve(law.with_params(**tied, **equal), curve, rest)
     found = _judged(law, curve, unknown, tied, *free)
     of = {*followed, *(inspect.signature(law.law_data.follows).parameters if followed else ())}  # type: ignore[arg-type]
     notes = (*said, *notes, *_untold(found.law, curve, origin, of))
@@ -245,9 +244,8 @@ def _untold(
         return ()
     f = model.output_function(law, curve.output, names)
     values = law.param_values()
-    rest = ca.DM(
-        np.concatenate([[], *(np.ravel(s.value) for s in model.known_parameters(law, names))])
-    )
+    known = model.known_parameters(law, names)
+    rest = ca.DM(np.concatenate([[], *(np.ravel(s.value) for s in known)]))
     J = f.map(curve.measured.size)(
         ca.repmat(ca.DM([float(values[n]) for n in names]), 1, curve.measured.size),
         ca.DM(np.array([curve.inputs[k] for k in law.inputs])),

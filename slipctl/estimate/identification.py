@@ -303,9 +303,8 @@ def swarm_fit(
         BadInput: as the two.
     """
     spread = [hi - lo for lo, hi in over.values()]
-    samples = linear_fit(
-        law, measured, unknown=list(over), spread=spread, period=period, **(fit or {})
-    )
+    given = dict(unknown=list(over), spread=spread, period=period, **(fit or {}))
+    samples = linear_fit(law, measured, **given)
     search = misfit_search(law, over, measured, **settings)
     wires = {f"search.{k}": f"fit.{k}" for k in search.inputs}
     wires |= {f"fit.{k}": k for k in samples.inputs}

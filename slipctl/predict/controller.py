@@ -94,9 +94,8 @@ class Controller:
         }  # fmt: skip
         signals = [*held, *(Input(s.unit, f"limit: {s.doc}", positive=s.positive).named(b)
                             for b, s in limits.items())]  # fmt: skip
-        return [
-            replace(s, shape=(self.h.stages + 1,)) if s.name in self.ahead else s for s in signals
-        ]
+        many = (self.h.stages + 1,)
+        return [replace(s, shape=many) if s.name in self.ahead else s for s in signals]
 
     def settings(self) -> list[Signal]:
         """Weights, bounds, rates and soft limits, as parameters."""

@@ -63,13 +63,11 @@ def controller(
     rows += [("", _hard(n, N)) for n, s in limits if s.hard]
     unknown = problem.unknown.names if problem.unknown else ()
     if problem.factors:
-        each = [
-            ", ".join(f"{v:g} {n}" for n, v in f.items()) or "as it is" for f in problem.factors
-        ]
+        of = [", ".join(f"{v:g} {n}" for n, v in f.items()) or "as it is" for f in problem.factors]
         plan = "one plan"
         if problem.shared:
             plan = f"one plan for {problem.shared} of the stages, then one for each"
-        rows.append(("for each", f"{'; '.join(each)}: {plan}, the mean of their costs"))
+        rows.append(("for each", f"{'; '.join(of)}: {plan}, the mean of their costs"))
     held = [n for n in problem.held if n not in (STRETCH, TOGETHER, *ahead, *unknown)]
     rows += [("held", ", ".join(held))] if held else []
     if ahead:

@@ -132,9 +132,8 @@ def feasibility(
         before: dict[str, float] | None = None
         for k in range(ticks):
             if k % 10 == 0 and k:
-                given |= {
-                    n: float(rng.uniform(*r)) for n, r in ranges.items() if n not in plant.states
-                }
+                drawn = {n: r for n, r in ranges.items() if n not in plant.states}
+                given |= {n: float(rng.uniform(*r)) for n, r in drawn.items()}
             y = tick(*(given[n] for n in controller.inputs))
             out = dict(zip(controller.outputs, y, strict=True))
             settled += out["status"] == 0

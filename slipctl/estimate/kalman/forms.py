@@ -287,9 +287,8 @@ def _motion(problem: Problem, setting: Setting) -> Block:
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         rates = problem.rates({**u, **p, **x})[0]
-        return {
-            s.name: v for s, v in zip(problem.unknown, rates, strict=True) if s.role == "state"
-        }, {}
+        pairs = zip(problem.unknown, rates, strict=True)
+        return {s.name: v for s, v in pairs if s.role == "state"}, {}
 
     return make_block(
         problem.block.name, "flow", body,

@@ -8,7 +8,7 @@ changes within an interval where t_j + d falls: intervals end there too, and dS/
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 from typing import Any
@@ -22,6 +22,9 @@ from slipctl.estimate.model import known_parameters, stack_column
 
 LATEST = 2.0
 """Longest dead time in s."""
+
+
+NOTHING = np.empty(0), np.empty(0)
 
 
 @dataclass(frozen=True)
@@ -38,9 +41,7 @@ class Stretch:
     time: np.ndarray
     inputs: Mapping[str, np.ndarray]
     measured: np.ndarray
-    before: tuple[np.ndarray, np.ndarray] = field(
-        default_factory=lambda: (np.empty(0), np.empty(0))
-    )
+    before: tuple[np.ndarray, np.ndarray] = NOTHING
 
     def thinned(self, most: int) -> Stretch:
         """About so many of its samples."""
@@ -60,7 +61,7 @@ def stretches(
         if b - a < 2 or not np.isfinite(measured[a:b]).any():
             continue
         early = (time < time[a]) & (time > time[a] - LATEST - 1.0)
-        before = (time[early], inputs[delayed][early]) if delayed else (np.empty(0), np.empty(0))
+        before = (time[early], inputs[delayed][early]) if delayed else NOTHING
         own = {n: v[a:b] for n, v in inputs.items()}
         found.append(Stretch(time[a:b], own, measured[a:b], before))
     return found
@@ -193,9 +194,8 @@ class Rolled:
         x, S = z[:n], z[n:].reshape(w, n, -1)
         count = samples.size
         now = np.array([piece.inputs[k] for k in self.flow.inputs]).reshape(-1, count)
-        y, by_x, by_q = self._outputs(count)(
-            x, now, *(np.tile(v[:, :1], (1, count)) for v in fixed)
-        )
+        tiled = (np.tile(v[:, :1], (1, count)) for v in fixed)
+        y, by_x, by_q = self._outputs(count)(x, now, *tiled)
         by_x = by_x.full().reshape(n, count, order="F")
         J = np.einsum("nk,wnk->kw", by_x, S)
         J[:, : len(self.unknown)] += by_q.full().reshape(-1, count, order="F").T

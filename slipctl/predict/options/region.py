@@ -257,9 +257,8 @@ class _Search:
         """Upper bounds of V(F) - V, over the size of V in the box."""
         slope = enclose(self.fall_slope, low, high)
         size = (np.maximum(np.abs(low), np.abs(high)) ** 2).sum(axis=0)
-        ends = np.fmin(
-            enclose(self.fall, low, high)[1][0], from_middle(self.fall, low, high, slope)
-        )
+        whole = enclose(self.fall, low, high)[1][0]
+        ends = np.fmin(whole, from_middle(self.fall, low, high, slope))
         return np.asarray(ends / size + ROOM)
 
     def _within(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -178,9 +178,8 @@ class World:
         for a in self.axes:
             if a.points is not None:
                 raise BadInput(f"the ensemble: draw {a.name}: write lo:hi, no number of values")
-        by_rail = {
-            n for group in rail_values(loop_at_start(loop, scenario), scenario) for n in group
-        }
+        groups = rail_values(loop_at_start(loop, scenario), scenario)
+        by_rail = {n for group in groups for n in group}
         self.factors = tuple(self._factor(loop, n, t, by_rail) for n, t in ensemble.scale.items())
         self.notes: tuple[str, ...] = ()
         if ensemble.seeds and not (scenario.noise and any(s.noise for s in loop.inputs.values())):
@@ -229,12 +228,10 @@ class World:
 
     def draw(self, stream: int, k: int) -> Draw:
         """Draw number k of a stream, by seed, stream and number alone."""
-        random = np.random.Generator(
-            np.random.PCG64(np.random.SeedSequence([self.seed, stream, k]))
-        )
-        shares = random.random(len(self.axes) + len(self.factors))
+        rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([self.seed, stream, k])))
+        shares = rng.random(len(self.axes) + len(self.factors))
         drawn = {a.name: a.at(s) for a, s in zip(self.ranges, shares, strict=True)}
-        return self.at(drawn, int(random.integers(2**31)))
+        return self.at(drawn, int(rng.integers(2**31)))
 
     def at(self, drawn: Mapping[str, float], noise: int) -> Draw:
         """Draw with these numbers and factors, all of :attr:`ranges`, and this seed."""

@@ -112,9 +112,7 @@ class Kept:
     def __str__(self) -> str:
         low, high = (f"{100 * v:.3g}" for v in self.interval)
         worst = sorted(((n, k) for n, k in self.fails.items() if k), key=lambda f: -f[1])
-        failing = ", ".join(
-            f"{n}{' fails' if j == 0 else ''} {k}" for j, (n, k) in enumerate(worst)
-        )
+        failing = ", ".join(f"{n}{' fails' * (not j)} {k}" for j, (n, k) in enumerate(worst))
         return (
             f"{self.within} of {self.runs} within all limits, {low} to {high} % with"
             f" {100 * CONFIDENCE:g} % confidence" + (f"; {failing}" if failing else "")

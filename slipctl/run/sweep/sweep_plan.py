@@ -189,9 +189,8 @@ class Plan:
             return _sobol(many, self.seed, run // BATCH)[run % BATCH]
         if self.design == "lhs":
             return _latin(many, self.seed, self.size)[run]
-        return np.random.Generator(
-            np.random.PCG64(np.random.SeedSequence([self.seed, run]))
-        ).random(many)
+        rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([self.seed, run])))
+        return rng.random(many)
 
 
 @lru_cache(maxsize=4)
