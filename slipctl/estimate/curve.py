@@ -107,9 +107,8 @@ def points(
     given: dict[str, Any] = {n: float(v) for n, v in law.param_values().items()}
     given = {n: v for n, v in given.items() if n in known or law.params[n].derived}
     given |= {n: s.value for n, s in law.inputs.items() if s.value is not None} | dict(known)
-    reads, notes = read_heads(
-        law, source, signals, units, columns, known, si=not isinstance(table, Table)
-    )
+    si = not isinstance(table, Table)
+    reads, notes = read_heads(law, source, signals, units, columns, known, si)
     found, many = {}, data.many
     for n in {k for e in reads.values() for k in names_in(e)} & set(names):
         given[n] = data[n] * (unit(units[n]).scale if units[n] else 1.0)

@@ -252,10 +252,10 @@ def _untold(
         ca.repmat(rest, 1, curve.measured.size),
     )[1].full().reshape(len(names), -1, order="F")  # fmt: skip
     moved = [n for n, row in zip(names, J, strict=True) if np.any(row)]
+    if not moved:
+        return ()
     own = ", ".join(f"{n} = {float(values[n]):.5g} {law.params[n].unit}" for n in moved)
-    return (f"not given, taken from the law: {own.replace(' 1,', ',').removesuffix(' 1')}",) * bool(
-        moved
-    )
+    return (f"not given, taken from the law: {own.replace(' 1,', ',').removesuffix(' 1')}",)
 
 
 def _peaks(law: Block, curve: Curve) -> tuple[tuple[dict[str, float], float, float], ...]:

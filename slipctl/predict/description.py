@@ -57,9 +57,8 @@ def controller(
         ends = [b if isinstance(b, str) else f"{name}_{e}" for b, e in ((lo, "lo"), (hi, "hi"))]
         rows.append(("", f"{ends[0]} <= {name}[k] <= {ends[1]}"))
     change = " (s[k-1] + s[k])/2" if problem.lengths else ""
-    rows += [
-        ("", f"|{named[c]}[k] - {named[c]}[k-1]| <= {named[c]}_rate {h:g} s{change}") for c in rates
-    ]
+    for n in (named[c] for c in rates):
+        rows.append(("", f"|{n}[k] - {n}[k-1]| <= {n}_rate {h:g} s{change}"))
     rows += [("", _hard(n, N)) for n, s in limits if s.hard]
     unknown = problem.unknown.names if problem.unknown else ()
     if problem.factors:

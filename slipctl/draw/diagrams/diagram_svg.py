@@ -62,9 +62,8 @@ class _Hop:
 
 def _text_width(text: str, size: float) -> float:
     """Width of a text in the drawing's font, near enough for boxes that hold it."""
-    return (
-        sum(0.32 if c in "iljt.,'[]() /|I1" else 0.86 if c in "mwMW" else 0.58 for c in text) * size
-    )
+    wide = [0.32 if c in "iljt.,'[]() /|I1" else 0.86 if c in "mwMW" else 0.58 for c in text]
+    return sum(wide) * size
 
 
 class Drawing:

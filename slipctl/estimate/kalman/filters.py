@@ -180,9 +180,7 @@ def _filter(
     problem = Problem.of(kind, block, measured, estimate)
     squares = {s.name: unit_squared(s.unit) for s in problem.unknown}
     rates = {s.name for s in problem.increments}
-    noises = {
-        s.name: unit_squared(s.unit) + ("/s" if s.name in rates else "") for s in problem.measured
-    }
+    noises = {s.name: unit_squared(s.unit) + "/s" * (s.name in rates) for s in problem.measured}
     before = by_name(who, "prior", prior, squares, "positive")
     least: Numbers = {k: 1e-12 * v for k, v in before.items()} if floor is None else floor
     most: Numbers = {k: 1e12 * v for k, v in before.items()} if cap is None else cap

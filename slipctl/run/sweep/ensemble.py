@@ -192,9 +192,8 @@ class World:
         now = loop.values_by_place()
         own = {n: now[n] for n in (*drawn, *free) if n in now and n not in by_rail}
         self.loop = loop = loop.with_params(**own) if own else loop
-        self.measured = Measured(
-            loop, scenario, signals or Signals(), self.known, (), compile, runs=MANY
-        )
+        roles = signals or Signals()
+        self.measured = Measured(loop, scenario, roles, self.known, (), compile, runs=MANY)
 
     def _factor(self, loop: Block, name: str, text: str, by_rail: set[str]) -> Factor:
         where = f"the ensemble: scale {name}"
