@@ -210,14 +210,12 @@ def operating_point(
     steps = search.run(z, p)
     state, held = ca.DM(z[: search.nx]), ca.DM(z[search.nx :])
     result: Any = block.f(state, held, p)
+    rates = result[0] if block.kind == "flow" else result[0] - state
+    of = block._numbers
     return OperatingPoint(
-        block._numbers("state", state),
-        block._numbers("input", held),
-        block._numbers("param", ca.DM(p)),
-        block._numbers("output", result[1]),
-        block._numbers("state", result[0] if block.kind == "flow" else result[0] - state),
-        steps,
-    )
+        of("state", state), of("input", held), of("param", ca.DM(p)), of("output", result[1]),
+        of("state", rates), steps,
+    )  # fmt: skip
 
 
 class _Search:
@@ -354,10 +352,8 @@ def _elements(block: Block, *roles: str) -> dict[int, str]:
     return {k: e for elements in _places(block, *roles).values() for k, e in elements.items()}
 
 
-def _chosen(block: Block, names: Iterable[str] | None, *roles: str) -> dict[int, str]:
-    """Place and name of the elements of the chosen signals; of all when none are chosen."""
-    if names is None:
-        return _elements(block, *roles)
+def _chosen(block: Block, names: Iterable[str], *roles: str) -> dict[int, str]:
+    """Place and name of the elements of the chosen signals."""
     places = _places(block, *roles)
     return {k: e for n in names for k, e in places[block.find(n, *roles)].items()}
 

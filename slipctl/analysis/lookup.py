@@ -12,7 +12,7 @@ from slipctl.analysis.objective import best_outputs
 from slipctl.analysis.optimum import highest_peak, objective_functions
 from slipctl.block.block import Block, Exprs, doc_of_maker, make_block
 from slipctl.block.signals import Param
-from slipctl.errors import BadInput, RunFailed, check_positive, check_range, nearest
+from slipctl.errors import BadInput, RunFailed, check_known, check_positive, check_range
 
 MOST = 400
 """Largest number of nodes of a table."""
@@ -59,9 +59,7 @@ def argmax_table(
     check_range(where, lo, hi)
     check_positive(f"{where}: error", error)
     check_range(where, *span)
-    if by not in law.inputs or by == over:
-        others = [n for n in law.inputs if n != over]
-        raise BadInput(f"{where} has no other input {by!r}{nearest(by, others)}")
+    check_known(f"{where} has no other input", by, [n for n in law.inputs if n != over])
     rails = dict(conditions if conditions is not None else law.conditions)
     if odd := [n for n in rails if not n.isidentifier()]:
         raise BadInput(f"{where}: condition {odd[0]!r} is no name; tables are called by it")
@@ -98,9 +96,7 @@ def _peaks(
     ends: tuple[float, float], rails: Sequence[Mapping[str, float]],
 ) -> Callable[[float], np.ndarray]:  # fmt: skip
     """Function of ``by``: places and heights of the peak on each rail, one row each."""
-    found = [
-        objective_functions(where, law, [over], maximise, {by: 0.0, **values}) for values in rails
-    ]
+    found = [objective_functions(where, law, [over], maximise, {by: 0.0, **v}) for v in rails]
     column = [n for n in law.inputs if n != over].index(by)
 
     def peaks(x: float) -> np.ndarray:

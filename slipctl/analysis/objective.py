@@ -60,14 +60,9 @@ def left_open(law: Block, over: Sequence[str]) -> list[Signal]:
     return [*others, *told, *settled_by(law, [s.name for s in free if s.shape != ()])]
 
 
-def search_inputs(given: Sequence[Signal]) -> list[Signal]:
-    """Those of what fixes a law that are inputs of its search."""
-    return [s for s in given if s.role == "input"]
-
-
-def search_params(given: Sequence[Signal]) -> list[Signal]:
-    """Those of what fixes a law that are parameters of its search."""
-    return [s for s in given if s.role == "param"]
+def of_role(role: str, given: Sequence[Signal]) -> list[Signal]:
+    """Those of what fixes a law that are inputs of its search, or parameters."""
+    return [s for s in given if s.role == role]
 
 
 def best_outputs(

@@ -12,7 +12,7 @@ from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Input, Output, Param, State
 from slipctl.block.units.unit_algebra import unit
 from slipctl.certify.bounds.observers import check_poles, pole_text
-from slipctl.errors import BadInput, check_known, nearest
+from slipctl.errors import BadInput, check_all_known
 
 
 def luenberger(
@@ -50,7 +50,7 @@ def luenberger(
     seen = _signals_seen(where, block, measured)
     _refuse_nonlinear(where, block, seen)
     A, C = _matrices(block, seen)
-    names = _gain_names(list(block.states), seen)
+    names = [[f"L_{x}_{y}" if seen[1:] else f"L_{x}" for y in seen] for x in block.states]
     if (poles is None) == (gains is None):
         raise BadInput(f"{where}: give either poles= or gains=")
     if poles is not None:
@@ -101,19 +101,10 @@ def _signals_seen(where: str, block: Block, measured: str | Sequence[str] | None
     if any(s.shape != () for s in block.signals):
         raise BadInput(f"{where}: states, inputs and outputs must be scalars")
     seen = [measured] if isinstance(measured, str) else list(measured or block.outputs)
-    for name in seen:
-        if name not in block.outputs and name not in block.states:
-            known = [*block.outputs, *block.states]
-            raise BadInput(f"{where} has no signal {name!r}{nearest(name, known)}")
+    check_all_known(f"{where} has no signal", seen, [*block.outputs, *block.states])
     if not seen:
         raise BadInput(f"{where}: give measured=, states or outputs of {block.name}")
     return seen
-
-
-def _gain_names(states: list[str], seen: list[str]) -> list[list[str]]:
-    if len(seen) == 1:
-        return [[f"L_{x}"] for x in states]
-    return [[f"L_{x}_{y}" for y in seen] for x in states]
 
 
 def _ratio(of: str, per: str) -> str:
@@ -192,8 +183,7 @@ def _ackermann(A: np.ndarray, seen: np.ndarray, poles: np.ndarray) -> np.ndarray
 
 def _given(where: str, names: list[list[str]], gains: Mapping[str, float]) -> np.ndarray:
     wanted = [n for row in names for n in row]
-    for n in gains:
-        check_known(f"{where} has no gain", n, wanted)
+    check_all_known(f"{where} has no gain", gains, wanted)
     missing = [n for n in wanted if n not in gains]
     if missing:
         raise BadInput(f"{where}: give the gain {missing[0]} too")

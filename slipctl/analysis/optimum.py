@@ -9,17 +9,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from slipctl.analysis.objective import (
-    best_outputs,
-    column,
-    law_at,
-    left_open,
-    objective,
-    open_law,
-    refuse_names,
-    search_inputs,
-    search_params,
-)
+from slipctl.analysis import objective
 from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
 from slipctl.block.signals import Param
 from slipctl.errors import BadInput, RunFailed, check_known, check_range, check_whole
@@ -98,7 +88,7 @@ def argmax(
         params = law.param_values(**{k: v for k, v in (at or {}).items() if k in law.params})
         told = {
             s.name: ca.DM(params[s.name]) if s.shape else float(params[s.name])
-            for s in left_open(law, [over]) if s.name in params
+            for s in objective.left_open(law, [over]) if s.name in params
         }  # fmt: skip
         place = float(law.law_data.closed_form(**told))
         slopes = _slopes_at(slope, p)
@@ -227,24 +217,24 @@ def argmax_block(
         BadInput: unknown names, an empty range, or too few points.
     """
     where = f"argmax_block({as_block('argmax_block: the law', law).name})"
-    maximise = objective(where, law, over, maximise)
+    maximise = objective.objective(where, law, over, maximise)
     check_range(where, lo, hi)
     check_whole(f"{where}: points", points, 3)
     check_whole(f"{where}: newton", newton, 0)
-    refuse_names(where, law, ("lo", "hi"))
+    objective.refuse_names(where, law, ("lo", "hi"))
     if closed_form and law.law_data.closed_form is None:
         raise BadInput(f"{where}: {law.name} declares no closed form of its peak; leave it out")
-    x, given = law.inputs[over], left_open(law, [over])
+    x, given = law.inputs[over], objective.left_open(law, [over])
     return make_block(
         "argmax", "law",
         _peak_body(law, over, maximise, int(points), int(newton), closed_form, value),
-        inputs=search_inputs(given),
+        inputs=objective.of_role("input", given),
         params=[
             Param(x.unit, float(lo), "lowest", lo=-1e12, hi=1e12).named("lo"),
             Param(x.unit, float(hi), "highest", lo=-1e12, hi=1e12).named("hi"),
-            *search_params(given),
+            *objective.of_role("param", given),
         ],
-        outputs=best_outputs(law, over, maximise)[: 1 + value],
+        outputs=objective.best_outputs(law, over, maximise)[: 1 + value],
         choices={"law": law.name, "over": over}
         | ({"peak": "closed form"} if closed_form else {"points": points, "newton": newton}),
         doc=doc_of_maker(argmax_block),
@@ -255,7 +245,7 @@ def _peak_body(
     law: Block, over: str, maximise: str, points: int, newton: int, closed_form: bool, value: bool
 ) -> Callable[..., tuple[Exprs, Exprs]]:
     """Equations of a search on a grid and by Newton's steps, or by the closed form."""
-    given, value_of = open_law(law, [over], maximise)
+    given, value_of = objective.open_law(law, [over], maximise)
     z, g = ca.SX.sym("z"), ca.SX.sym("g", value_of.size1_in(1))
     d = ca.jacobian(value_of(z, g), z)
     slope = ca.Function("slope", [z, g], [d, ca.jacobian(d, z)], {"cse": True})
@@ -265,13 +255,13 @@ def _peak_body(
         return {"best": place} | ({"value": value_of(place, at)} if value else {})
 
     def body(xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        at = column(given, u, p)
+        at = objective.column(given, u, p)
         if form is not None:
             told = {s.name: (u | p)[s.name] for s in given if s.name in law.params}
             best = ca.fmin(p["hi"], ca.fmax(p["lo"], form(**told)))
             return {}, results(best, at)
         step = (p["hi"] - p["lo"]) / (points - 1)
-        place, height = p["lo"], law_at(law, [over], maximise, p["lo"], at)
+        place, height = p["lo"], objective.law_at(law, [over], maximise, p["lo"], at)
 
         # functions, so that C has these names in its loops
         def compared(place: Any, height: Any, k: int) -> tuple[Any, Any]:
@@ -306,8 +296,8 @@ def objective_functions(
     The derivatives are for one input.
     """
     for name in over:
-        maximise = objective(where, law, name, maximise)
-    given = left_open(law, over)
+        maximise = objective.objective(where, law, name, maximise)
+    given = objective.left_open(law, over)
     names = [s.name for s in given]
     for k in at:
         check_known(f"{where} has no input or parameter", k, names)
@@ -320,7 +310,7 @@ def objective_functions(
         fixed.extend(np.ravel(np.asarray(value, dtype=float), order="F"))
 
     def make() -> tuple[ca.Function, ca.Function]:
-        _, value_of = open_law(law, list(over), str(maximise))
+        _, value_of = objective.open_law(law, list(over), str(maximise))
         z, g = ca.SX.sym("z", len(over)), ca.SX.sym("g", len(fixed))
         y = value_of(z, g)
         d = ca.jacobian(y, z)

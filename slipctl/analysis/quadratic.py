@@ -10,16 +10,11 @@ import numpy as np
 from slipctl.block.text.intermediates import remember_locals
 from slipctl.errors import BadInput, check_whole
 
+REGULAR, RELAXATION = 1e-6, 1.6
+"""Added to the curvature, and by how much a step goes on; of the method."""
 
-def qp_kernel(
-    H: np.ndarray,
-    A: np.ndarray,
-    iterations: int = 25,
-    rho: float | None = None,
-    sigma: float = 1e-6,
-    relaxation: float = 1.6,
-    name: str = "qp",
-) -> ca.Function:
+
+def qp_kernel(H: np.ndarray, A: np.ndarray, iterations: int = 25) -> ca.Function:
     """Make the solver of min x'Hx/2 + q'x subject to l <= A x <= u, for changing q, l, u.
 
     The alternating direction method of multipliers of OSQP with a fixed number of iterations, the
@@ -30,9 +25,6 @@ def qp_kernel(
     Args:
         H: positive definite Hessian. A: one row per constraint.
         iterations: how many; the same every time.
-        rho: weight of the constraints; None takes three times the mean curvature of H over A'A.
-        sigma, relaxation: of the method.
-        name: of the Function.
 
     Returns:
         Function ``(q, l, u, start) -> (x, end)``; start and end have n + 2 m numbers, at first 0.
@@ -47,8 +39,8 @@ def qp_kernel(
     if not np.allclose(H, H.T) or np.linalg.eigvalsh(H)[0] <= 0:
         raise BadInput("qp_kernel: H must be symmetric and positive definite")
     check_whole("qp_kernel: iterations", iterations)
-    weight = 3 * float(np.trace(H) / np.trace(A.T @ A)) if rho is None else float(rho)
-    inverse = np.linalg.inv(H + sigma * np.eye(n) + weight * A.T @ A)
+    weight = 3 * float(np.trace(H) / np.trace(A.T @ A))  # of the constraints
+    inverse = np.linalg.inv(H + REGULAR * np.eye(n) + weight * A.T @ A)
     K, rows = ca.DM(inverse), ca.sparsify(ca.DM(A))  # most of A is zero, and costs nothing so
     q, lo, hi = ca.MX.sym("q", n), ca.MX.sym("l", m), ca.MX.sym("u", m)
     state, given = ca.MX.sym("start", n + 2 * m), ca.vertcat(q, lo, hi)
@@ -59,19 +51,17 @@ def qp_kernel(
         point, problem = ca.MX.sym("point", n + 2 * m), ca.MX.sym("problem", n + 2 * m)
         x, z, y = ca.vertsplit(point, [0, n, n + m, n + 2 * m])
         q, lo, hi = ca.vertsplit(problem, [0, n, n + m, n + 2 * m])
-        slope = sigma * x - q + ca.mtimes(rows.T, weight * z - y)
+        slope = REGULAR * x - q + ca.mtimes(rows.T, weight * z - y)
         solved = ca.mtimes(K, slope)
         reached = ca.mtimes(rows, solved)
-        moved = relaxation * reached + (1 - relaxation) * z
+        moved = RELAXATION * reached + (1 - RELAXATION) * z
         following = ca.fmax(lo, ca.fmin(hi, moved + y / weight))
         after = ca.vertcat(
-            relaxation * solved + (1 - relaxation) * x, following, y + weight * (moved - following)
+            RELAXATION * solved + (1 - RELAXATION) * x, following, y + weight * (moved - following)
         )  # fmt: skip
-        names = [["point", "problem"], ["point_next"]]
-        return f"{name}_iteration", [point, problem], [after], *names
+        return "qp_iteration", [point, problem], [after], ["point", "problem"], ["point_next"]
 
     whole = one().fold(int(iterations))
     end = whole(state, ca.repmat(given, 1, int(iterations)))
-    return ca.Function(
-        name, [q, lo, hi, state], [end[:n], end], ["q", "l", "u", "start"], ["x", "end"]
-    )
+    names = ["q", "l", "u", "start"], ["x", "end"]
+    return ca.Function("qp", [q, lo, hi, state], [end[:n], end], *names)

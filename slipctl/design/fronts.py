@@ -13,9 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from slipctl.design.gain_search import REDRAWN, SURE, Candidate, Search
+from slipctl.design.gain_search import SURE, Candidate, Search
 from slipctl.design.goals import paired_difference
-from slipctl.seek import population
 
 QUIET = 12
 """Generations without a new point of the front after which a search has arrived."""
@@ -73,18 +72,9 @@ class FrontSearch(Search):
         return True
 
     def _trials(self, generation: int) -> list[Candidate]:
-        """Trials of all members, towards points of the front in turn; those that got through."""
-        shares = np.array([m.share for m in self.members])
+        """Trials towards points of the front that got through."""
         ahead = [k for k, m in enumerate(self.members) if m in self.front] or [0]
-        pairs: list[tuple[Candidate, Candidate]] = []
-        for i, member in enumerate(self.members):
-            lead = ahead[(generation + i) % len(ahead)]
-            for again in range(REDRAWN):
-                key = (self.seed, 2, generation, i, again)
-                trial = self.candidate(population.trial(shares, lead, i, key))
-                if trial:
-                    pairs.append((trial, member))
-                    break
+        pairs = self.trials(generation, 2, ahead)
         through = self.race(pairs)
         return [trial for (trial, _), kept in zip(pairs, through, strict=True) if kept]
 

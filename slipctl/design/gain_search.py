@@ -30,7 +30,7 @@ from slipctl.design.goals import (
 from slipctl.design.promises import Promises
 from slipctl.design.ranges import Free
 from slipctl.design.rolls import Rolls
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known
 from slipctl.run.metrics import Metric
 from slipctl.seek import population
 from slipctl.study.report.texts import with_unit
@@ -299,16 +299,7 @@ class Search:
 
     def _generation(self, generation: int) -> int:
         """A trial for each member, raced against it; gives how many there were."""
-        shares = np.array([m.share for m in self.members])
-        best = self.members.index(self.best)
-        pairs: list[tuple[Candidate, Candidate]] = []
-        for i, member in enumerate(self.members):
-            for again in range(REDRAWN):
-                key = (self.seed, 1, generation, i, again)
-                trial = self.candidate(population.trial(shares, best, i, key))
-                if trial:
-                    pairs.append((trial, member))
-                    break
+        pairs = self.trials(generation, 1, [self.members.index(self.best)])
         through = self.race(pairs)
         self._crown(pairs, through)
         for (trial, member), better in zip(pairs, through, strict=True):
@@ -316,6 +307,22 @@ class Search:
                 self.members[self.members.index(member)] = trial
         self._say(generation)
         return len(pairs)
+
+    def trials(
+        self, generation: int, kind: int, leads: Sequence[int]
+    ) -> list[tuple[Candidate, Candidate]]:
+        """A trial for each member that has one which may be run, towards leading ones in turn."""
+        shares = np.array([m.share for m in self.members])
+        pairs: list[tuple[Candidate, Candidate]] = []
+        for i, member in enumerate(self.members):
+            lead = leads[(generation + i) % len(leads)]
+            for again in range(REDRAWN):
+                key = (self.seed, kind, generation, i, again)
+                trial = self.candidate(population.trial(shares, lead, i, key))
+                if trial:
+                    pairs.append((trial, member))
+                    break
+        return pairs
 
     def _crown(self, pairs: Sequence[tuple[Candidate, Candidate]], through: Sequence[bool]) -> None:
         """Take the best of those that got through, on all draws; the best ones are proved first."""
@@ -443,9 +450,7 @@ def goals_of_loop(
     goals = [read_objective(text) for text in texts or [""]]
     for goal in goals:
         for metric in goal.metrics:
-            if metric not in there:
-                close = nearest(metric, there)
-                raise BadInput(f"{name} has no metric {metric!r} to minimise{close}")
+            check_known(f"{name} has no metric", metric, there, " to minimise")
             if math.isnan(single(there[metric])):
                 raise BadInput(f"{name}: {metric} has no number")
         if sum(g.terms == goal.terms for g in goals) > 1:

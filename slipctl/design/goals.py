@@ -182,11 +182,8 @@ def _certificate(text: str, name: str, certificates: Sequence[str], loop: str) -
         raise BadInput(
             f"--subject-to {text!r}: {loop} has no certificate; its study declares no gains of it"
         )
-    if name and name not in certificates:
-        raise BadInput(
-            f"--subject-to {text!r}: {loop} has no certificate {name!r}"
-            f"{nearest(name, certificates)}"
-        )
+    if name:
+        check_known(f"--subject-to {text!r}: {loop} has no certificate", name, certificates)
     return name
 
 

@@ -96,9 +96,8 @@ class Map:
     def payload(self) -> dict[str, Any]:
         """Entries of the file of data."""
         points = len(self.verdicts)
-        axes = {
-            a.name: {"unit": a.unit, "values": a.values(points).tolist()} for a in (self.x, self.y)
-        }
+        axes = {a.name: {"unit": a.unit, "values": a.values(points).tolist()}
+                for a in (self.x, self.y)}  # fmt: skip
         more = {"metric": self.levels.payload()} if self.levels else {}
         return {
             "kind": "map", "slipctl": __version__, "system": self.system, "of": self.what,

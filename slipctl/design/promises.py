@@ -23,7 +23,6 @@ STEPS = 7
 FARTHEST = 1024.0
 """Largest margin that is looked for."""
 
-
 MARGINS = (1.0, 1.25, 1.5, 2.0)
 """Margins that are tried of a promise whose proof takes long."""
 
@@ -53,17 +52,13 @@ class Promises:
     _decided: dict[Any, proofs.Decision] = field(default_factory=dict, repr=False, compare=False)
     _runs: dict[str, list[Any]] = field(default_factory=dict, repr=False, compare=False)
 
-    def numbers(self, gains: Gains, loop: Block) -> dict[str, Fraction]:
-        """Numbers of a certificate for a loop as it is."""
-        system = catalogue.system_of_gains(gains, loop)
-        return exact_numbers(system, {k: float(v) for k, v in gains.numbers(loop).items()})
-
     def asked(
         self, gains: Gains, loop: Block, margin: float = 1.0
     ) -> tuple[System, dict[str, Fraction]]:
         """System of a certificate, and its numbers with bounds so many times as large."""
         system = catalogue.system_of_gains(gains, loop)
-        return system, with_margin(system, self.numbers(gains, loop), margin)
+        own = {k: float(v) for k, v in gains.numbers(loop).items()}
+        return system, with_margin(system, exact_numbers(system, own), margin)
 
     def decision(self, gains: Gains, loop: Block, margin: float = 1.0) -> proofs.Decision:
         """What is proved with bounds so many times as large; of a long proof asked once.

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Mapping, Sequence
 
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run import interrupts
 from slipctl.run.metrics import Metric
 from slipctl.run.sweep.ensemble import Draw, World
 from slipctl.run.sweep.sweep_store import Ended, Store
+from slipctl.run.sweep.threads import run_tasks
 
 FILE = "runs.sqlite"
 """Name of the store in the folder of a search."""
@@ -90,41 +90,18 @@ class Rolls:
 
     def _run(self, stream: int, missing: Mapping[int, Asked]) -> None:
         """Run on threads; this one alone writes, as runs end."""
-        tasks = iter(missing.items())
-        stopped = False
 
-        def one(key: int, asked: Asked) -> tuple[Ended, Mapping[str, Metric] | None] | None:
-            if stopped:
-                return None
-            _, numbers, k = asked
+        def one(task: tuple[int, Asked]) -> tuple[Ended, Mapping[str, Metric] | None]:
+            key, (_, numbers, k) = task
             try:
                 metrics = self.world.metrics(numbers, self.draw(stream, k))
                 return Ended(key, numbers, metrics), metrics
             except (BadInput, RunFailed) as error:
                 return Ended(key, numbers, failed=str(error)), None
 
-        pool = ThreadPoolExecutor(self.jobs)
-        waiting: set[Future[tuple[Ended, Mapping[str, Metric] | None] | None]] = set()
-        try:
-            while True:
-                while len(waiting) < 4 * self.jobs and (task := next(tasks, None)) is not None:
-                    waiting.add(pool.submit(one, *task))
-                if not waiting:
-                    break
-                ended, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                self._keep(f.result() for f in ended)
-        except BaseException as error:
-            if isinstance(error, KeyboardInterrupt):
-                interrupts.note_interrupt()
-            stopped = True
-            pool.shutdown(wait=True, cancel_futures=True)
-            self._keep(f.result() for f in waiting if f.done() and not f.cancelled())
-            raise
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+        run_tasks(iter(missing.items()), one, self.jobs, self._keep)
 
-    def _keep(self, ended: Iterable[tuple[Ended, Mapping[str, Metric] | None] | None]) -> None:
-        found = [e for e in ended if e is not None]
+    def _keep(self, found: list[tuple[Ended, Mapping[str, Metric] | None]]) -> None:
         if self.store is not None:
             with interrupts.hold_interrupts():
                 self.store.add([e for e, _ in found])

@@ -20,7 +20,7 @@ import numpy as np
 from slipctl.certify.arithmetic import binomial
 from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
 from slipctl.design.gain_search import FIRST_PROOF, Search
-from slipctl.design.goals import single
+from slipctl.design.goals import Limit, single
 from slipctl.errors import BadInput
 from slipctl.run.sweep.ensemble import read_ensemble
 
@@ -60,21 +60,13 @@ class Claim:
         seen = f"{self.violations} of {self.draws} fresh draws are beyond"
         lost = "" if self.reached else f"; {100 * float(self.wanted):g} % were wanted"
         return (
-            f"{self.text} in at least {_down(100 * self.share)} % of draws, confidence 1 -"
-            f" {_up(missing)}: {seen}{lost}"
+            f"{self.text} in at least {_rounded(100 * self.share, ROUND_FLOOR)} % of draws,"
+            f" confidence 1 - {_rounded(missing, ROUND_CEILING)}: {seen}{lost}"
         )
 
 
 DIGITS = 6
 """Of the numbers in a statement; they are rounded to the side on which it is true."""
-
-
-def _down(value: Fraction) -> str:
-    return _rounded(value, ROUND_FLOOR)
-
-
-def _up(value: Fraction) -> str:
-    return _rounded(value, ROUND_CEILING)
 
 
 def _rounded(value: Fraction, side: str) -> str:
@@ -121,11 +113,7 @@ def _attempt(search: Search, attempt: int) -> dict[str, Any]:
     for limit in search.limits:
         worst = math.inf if limit.upper else -math.inf
         seen = [worst if m is None else single(m[limit.metric], limit.upper) for m in metrics]
-        wanted = SHARE if limit.share == 1 else Fraction(str(limit.share))
-        claims.append(
-            _claim(limit.text, limit.metric, limit.upper, limit.value, limit.unit, wanted, seen,
-                   level(attempt))
-        )  # fmt: skip
+        claims.append(_claim(limit, seen, level(attempt)))
     return {
         "ensemble": world.ensemble.told(), "hash": world.ensemble.hash,
         "scenario": world.scenario.name, "seed": world.seed, "attempt": attempt, "draws": draws,
@@ -134,15 +122,13 @@ def _attempt(search: Search, attempt: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _claim(
-    text: str, metric: str, upper: bool, limit: float, unit: str, wanted: Fraction,
-    seen: Sequence[float], beta: Fraction,
-) -> dict[str, Any]:  # fmt: skip
-    beyond = _beyond(seen, upper, limit)
-    share = 1 - binomial.largest_share(len(seen), beyond, beta)
+def _claim(limit: Limit, seen: Sequence[float], beta: Fraction) -> dict[str, Any]:
+    beyond = _beyond(seen, limit.upper, limit.value)
+    wanted = SHARE if limit.share == 1 else Fraction(str(limit.share))
     return {
-        "text": text, "metric": metric, "upper": upper, "limit": limit.hex(), "unit": unit,
-        "wanted": str(wanted), "violations": beyond, "share": str(share),
+        "text": limit.text, "metric": limit.metric, "upper": limit.upper,
+        "limit": limit.value.hex(), "unit": limit.unit, "wanted": str(wanted),
+        "violations": beyond, "share": str(1 - binomial.largest_share(len(seen), beyond, beta)),
         "values": [float(v).hex() for v in seen],
     }  # fmt: skip
 
@@ -183,9 +169,7 @@ def check(given: Mapping[str, Any]) -> list[Claim]:
         share = rational(entry["share"], f"{where}.share")
         if _beyond(seen, entry["upper"] is True, limit) != beyond:
             raise DoesNotHold(f"{where}: {beyond} violations are not what its draws show")
-        if not 0 <= share <= 1 or not (
-            share == 0 or binomial.holds(draws, beyond, 1 - share, beta)
-        ):
+        if not (0 <= share <= 1 and (share == 0 or binomial.holds(draws, beyond, 1 - share, beta))):
             raise DoesNotHold(f"{where}: its draws do not prove the share {share}")
         sign = "<=" if entry["upper"] is True else ">="
         said = f"{str(entry['metric'])[:80]} {sign} {limit:.17g} {str(entry['unit'])[:40]}"
@@ -204,7 +188,7 @@ def lines(given: Mapping[str, Any]) -> list[str]:
 
 def _bound(value: float, unit: Any) -> str:
     """Upper bound with its unit, rounded up."""
-    told = _up(Fraction(value))
+    told = _rounded(Fraction(value), ROUND_CEILING)
     return told if unit == "1" else f"{told} {str(unit)[:40]}"
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -194,14 +194,11 @@ def _wanted(
     return goals, limits, replace(promises, wanted=tuple(proved), kept=tuple(kept))
 
 
-@contextmanager
-def _begun(out: str | Path | None, told: Mapping[str, Any]) -> Iterator[Any]:
+def _begun(out: str | Path | None, told: Mapping[str, Any]) -> AbstractContextManager[Any]:
     """The folder in which what was run is kept, while it is open; None without one."""
     if out is None:
-        yield None
-        return
-    with closing(sweep_store.begin(Path(out), dict(told), FILE, "search")) as store:
-        yield store
+        return nullcontext()
+    return sweep_store.begin(Path(out), dict(told), FILE, "search")
 
 
 def _identity(

@@ -11,17 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slipctl.draw.looks import (
-    BLACK,
-    GREY,
-    ORANGE,
-    hues_of,
-    label,
-    logarithmic,
-    names_below,
-    panels,
-    style,
-)
+from slipctl.draw import looks
 from slipctl.run.sweep.spread import quantiles
 
 if TYPE_CHECKING:
@@ -52,17 +42,13 @@ def spread(
         title: above the panel.
         limit: name and height of a line to compare with.
     """
-    fig = axis.get_figure() if axis is not None else None
-    if axis is None:
-        fig, axes = panels(height=2.8)
-        axis = axes[0, 0]
-    assert axis is not None
-    hues = hues_of(list(groups))
+    fig, axis = looks.panel_of(axis, 2.8)
+    hues = looks.hues_of(list(groups))
     columns = {n: np.array([np.nan if x is None else x for x in v], dtype=float)
                for n, v in groups.items()}  # fmt: skip
-    with style():
+    with looks.style():
         if log:
-            logarithmic(axis)
+            looks.logarithmic(axis)
         for k, (name, values) in enumerate(columns.items()):
             _dots(axis, k, values[np.isfinite(values)], hues[name])
         limit_line(axis, limit)
@@ -71,16 +57,16 @@ def spread(
             _box(axis, k, values, top)
             never = int(np.isinf(values).sum())
             if never:
-                axis.plot([k], [top], "x", color=ORANGE, ms=5, mew=1.4, clip_on=False)
+                axis.plot([k], [top], "x", color=looks.ORANGE, ms=5, mew=1.4, clip_on=False)
                 axis.annotate(f"{never} of {np.count_nonzero(~np.isnan(values))} never", (k, top),
                               xytext=(6, 0), textcoords="offset points", va="center", fontsize=8,
-                              color=ORANGE)  # fmt: skip
-        axis.set_xticks(range(len(groups)), names_below(groups))
+                              color=looks.ORANGE)  # fmt: skip
+        axis.set_xticks(range(len(groups)), looks.names_below(groups))
         axis.set_xlim(-0.6, len(groups) - 0.4)
         axis.grid(visible=False, axis="x")
-        axis.set_ylabel(label(*y))
+        axis.set_ylabel(looks.label(*y))
         axis.set_title(title)
-    return fig  # type: ignore[return-value]
+    return fig
 
 
 def _dots(axis: Axes, k: int, v: np.ndarray, hue: str) -> None:
@@ -95,7 +81,7 @@ def _top(axis: Axes, columns: Mapping[str, np.ndarray]) -> float:
     low, high = axis.get_ylim()
     top = high * (high / low) ** 0.08 if axis.get_yscale() == "log" else high + 0.08 * (high - low)
     axis.axhline((high * top) ** 0.5 if axis.get_yscale() == "log" else (high + top) / 2,
-                 color=GREY, lw=0.6, ls=(0, (1, 2)))  # fmt: skip
+                 color=looks.GREY, lw=0.6, ls=(0, (1, 2)))  # fmt: skip
     axis.set_ylim(low, top)
     return top
 
@@ -105,8 +91,8 @@ def _box(axis: Axes, k: int, values: np.ndarray, top: float) -> None:
     if np.isnan(middle):
         return
     low, middle, high = (min(v, top) if np.isinf(v) else v for v in (low, middle, high))
-    axis.bar(k, high - low, 0.44, bottom=low, color="none", edgecolor=BLACK, lw=0.9)
-    axis.hlines(middle, k - 0.22, k + 0.22, color=BLACK, lw=1.8)
+    axis.bar(k, high - low, 0.44, bottom=low, color="none", edgecolor=looks.BLACK, lw=0.9)
+    axis.hlines(middle, k - 0.22, k + 0.22, color=looks.BLACK, lw=1.8)
 
 
 def differences(
@@ -122,8 +108,8 @@ def differences(
         axis: where.
         title: above the panel.
     """
-    hues = hues_of([base, *groups])
-    with style():
+    hues = looks.hues_of([base, *groups])
+    with looks.style():
         for name, values in groups.items():
             d = np.sort(np.asarray(values, dtype=float)[~np.isnan(values)])
             share = (np.arange(d.size) + 0.5) / max(d.size, 1) * 100
@@ -131,13 +117,12 @@ def differences(
             lost, won = np.count_nonzero(d == np.inf), np.count_nonzero(d == -np.inf)
             said = f"{name} - {base}" + (f"; {lost} where {name} never came" if lost else "")
             said += f"; {won} where {base} never came" if won else ""
-            axis.plot(
-                share[seen], d[seen], ".", ms=4 + 40 / (8 + d.size), color=hues[name], label=said
-            )
-        axis.axhline(0, color=BLACK, lw=0.9)
+            size = 4 + 40 / (8 + d.size)
+            axis.plot(share[seen], d[seen], ".", ms=size, color=hues[name], label=said)
+        axis.axhline(0, color=looks.BLACK, lw=0.9)
         axis.set_xlim(0, 100)
-        axis.set_xlabel(label("share of the draws", "%"))
-        axis.set_ylabel(label(*y))
+        axis.set_xlabel(looks.label("share of the draws", "%"))
+        axis.set_ylabel(looks.label(*y))
         axis.set_title(title)
         axis.legend()
 
@@ -145,7 +130,7 @@ def differences(
 def limit_line(axis: Axes, limit: tuple[str, float] | None) -> None:
     """Line to compare with, and its name."""
     if limit is not None:
-        axis.axhline(limit[1], color=BLACK, lw=0.9, ls=(0, (4, 2)))
+        axis.axhline(limit[1], color=looks.BLACK, lw=0.9, ls=(0, (4, 2)))
         axis.annotate(
             limit[0], (1.0, limit[1]), xycoords=("axes fraction", "data"), xytext=(0, 2),
             textcoords="offset points", ha="right", fontsize=8,

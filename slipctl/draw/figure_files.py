@@ -67,9 +67,7 @@ class _Both(RendererBase):
     ) -> None:  # fmt: skip
         """Draw many paths."""
         what = paths, all_transforms, offsets
-        self.svg.draw_path_collection(
-            gc, master_transform, *what, offset_trans, *looks, **more
-        )  # fmt: skip
+        self.svg.draw_path_collection(gc, master_transform, *what, offset_trans, *looks, **more)
         self.pixels.draw_path_collection(
             self._large(gc), master_transform + self.larger, *what, offset_trans + self.larger,
             *looks, **more,
@@ -122,13 +120,11 @@ def svg_text(fig: Figure, stamp: str = "") -> str:
 
 
 def _in_one_pass(fig: Figure, stamp: str) -> tuple[str, bytes]:
-    text = io.StringIO()
+    out = io.StringIO()
     width, height = fig.get_size_inches()
     pixels = RendererAgg(width * PIXELS, height * PIXELS, PIXELS)
     fig.set_dpi(POINTS)
-    svg = RendererSVG(
-        width * POINTS, height * POINTS, text, image_dpi=PIXELS, metadata=_told(stamp)
-    )
+    svg = RendererSVG(width * POINTS, height * POINTS, out, image_dpi=PIXELS, metadata=_told(stamp))
     both = _Both(svg, pixels)
     engine = fig.get_layout_engine()
     if isinstance(engine, Grid):  # what it measures is known when it is drawn
@@ -136,7 +132,7 @@ def _in_one_pass(fig: Figure, stamp: str) -> tuple[str, bytes]:
         fig.set_layout_engine("none")
     fig.draw(both)
     svg.finalize()
-    return text.getvalue(), _packed(pixels, stamp)
+    return out.getvalue(), _packed(pixels, stamp)
 
 
 def _svg(fig: Figure, stamp: str) -> str:

@@ -111,9 +111,8 @@ def _place(fig: Figure, panels: list[_Panel], sides: Sides, above: float) -> Non
     y, high = _along(sides["top"], sides["bottom"], grid.get_height_ratios(), height - above)
     for axis, row, column in panels:
         low = height - above - y[row] - high[row]
-        axis.set_position(
-            (x[column] / width, low / height, wide[column] / width, high[row] / height)
-        )
+        place = x[column] / width, low / height, wide[column] / width, high[row] / height
+        axis.set_position(place)
 
 
 def _along(

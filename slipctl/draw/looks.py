@@ -27,26 +27,11 @@ MORE = ("#8C564B", "#882255", "#117733", "#332288", "#999933")
 """Colours for more loops beside each other than the palette has."""
 
 COLOURS = {
-    "ideal": BLACK,
-    "smc": ORANGE,
-    "sta": BLUE,
-    "sta_online": GREEN,
-    "pid": AMBER,
-    "hosm": BLUE,
-    "asmc": PURPLE,
-    "mpc": GREEN,
-    "robust": SKY,
-    "fixed": PURPLE,
-    "eppfc": BLUE,
-    "efc": SKY,
-    "nmpc": GREEN,
-    "smes": ORANGE,
-    "improved": BLUE,
-    "esa": GREEN,
-    "none": ORANGE,
-    "super_twisting": BLUE,
-    "predictive": GREEN,
-}
+    "ideal": BLACK, "smc": ORANGE, "smes": ORANGE, "none": ORANGE, "pid": AMBER,
+    "sta": BLUE, "super_twisting": BLUE, "hosm": BLUE, "eppfc": BLUE, "improved": BLUE,
+    "sta_online": GREEN, "mpc": GREEN, "nmpc": GREEN, "predictive": GREEN, "esa": GREEN,
+    "asmc": PURPLE, "fixed": PURPLE, "robust": SKY, "efc": SKY,
+}  # fmt: skip
 """Loops whose colour is fixed; any other name gets one of the palette by its letters."""
 
 RAILS = {"dry": "#F7EFE2", "wet": "#E4EEF6", "ice": "#F1F1F1", "snow": "#EDEDED",
@@ -152,6 +137,14 @@ def panels(rows: int = 1, columns: int = 1, *, height: float = HEIGHT, **options
         for spine in axis.spines.values():
             spine.set_in_layout(False)  # measuring one asks for all marks again
     return fig, axes
+
+
+def panel_of(axis: Axes | None, height: float) -> tuple[Any, Axes]:
+    """Figure of a panel and the panel; a new one where none is given."""
+    if axis is not None:
+        return axis.get_figure(), axis
+    fig, axes = panels(height=height)
+    return fig, axes[0, 0]
 
 
 def label(what: str, unit: str) -> str:

@@ -29,13 +29,9 @@ class Panel(NamedTuple):
 
 
 def make_panel(
-    results: Results,
-    scenario: str,
-    logs: Mapping[str, Any],
-    wanted: str | Sequence[str],
-    span: tuple[float, float] | None,
-    axle: int = 0,
-) -> Panel:
+    results: Results, scenario: str, logs: Mapping[str, Any], wanted: str | Sequence[str],
+    span: tuple[float, float] | None, axle: int = 0,
+) -> Panel:  # fmt: skip
     """One of the panels of ``plots.traces``; of what each axle has its own, that of one axle.
 
     Raises:
@@ -46,10 +42,8 @@ def make_panel(
     if not found:
         known = [str(n) for log in logs.values() for n in log]
         raise BadInput(f"no loop of {scenario} logs {first!r}{nearest(first, known)}")
-    varied = {
-        loop: float(np.abs(np.diff(logs[loop][name].values, axis=0)).sum())
-        for loop, name in found.items()
-    }
+    varied = {loop: float(np.abs(np.diff(logs[loop][name].values, axis=0)).sum())
+              for loop, name in found.items()}  # fmt: skip
     most = max(varied.values()) or 1.0
     curves = {loop: samples(logs[loop], name, span, axle) for loop, name in found.items()}
     loop, name = next(iter(found.items()))
@@ -57,14 +51,10 @@ def make_panel(
     unit = str(signal.attrs.get("units", "1"))
     every = {loop: each_axle(logs[loop], name, span) for loop, name in found.items()}
     axles = {loop: a for loop, a in every.items() if a is not None}
-    return Panel(
-        first, others, curves, rough, _said(first, short_meaning(signal, name)), unit, axles
-    )
-
-
-def _said(wanted: str, text: str) -> str:
-    """Meaning of a signal; of one that only says how it was made, its role."""
-    return wanted.replace("_", " ") if text.startswith("signal with") else text
+    text = short_meaning(signal, name)
+    if text.startswith("signal with"):  # it only says how it was made
+        text = first.replace("_", " ")
+    return Panel(first, others, curves, rough, text, unit, axles)
 
 
 def short_meaning(signal: Any, name: str) -> str:

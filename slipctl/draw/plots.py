@@ -14,40 +14,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slipctl.block.units.unit_algebra import display_scale
-from slipctl.draw import live
+from slipctl.draw import live, looks
+from slipctl.draw import panels as seen
 from slipctl.draw.distributions import limit_line
 from slipctl.draw.distributions import spread as spread
-from slipctl.draw.looks import AMBER as AMBER
-from slipctl.draw.looks import (
-    BLACK,
-    GREY,
-    ORANGE,
-    RAILS,
-    colour,
-    dash,
-    hues_of,
-    label,
-    line_styles,
-    logarithmic,
-    names_below,
-    panels,
-    style,
-)
+from slipctl.draw.looks import BLACK, GREY, ORANGE, colour, dash, hues_of, label, panels, style
 from slipctl.draw.looks import BLUE as BLUE
 from slipctl.draw.looks import GREEN as GREEN
 from slipctl.draw.looks import PALETTE as PALETTE
-from slipctl.draw.looks import PURPLE as PURPLE
-from slipctl.draw.looks import SKY as SKY
 from slipctl.draw.looks import pretty as pretty
-from slipctl.draw.panels import (
-    arrivals,
-    chosen_axle,
-    each_axle,
-    logged_name,
-    make_panel,
-    samples,
-    short_meaning,
-)
 from slipctl.draw.strokes import area, envelope, stroke
 from slipctl.run.results import NotRun
 
@@ -68,7 +43,6 @@ def traces(
     span: tuple[float, float] | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
     labels: Mapping[str, str] | None = None,
-    names: Mapping[str, str] | None = None,
 ) -> Figure:
     """Logged signals over time, one panel each, the loops in their colours.
 
@@ -84,7 +58,6 @@ def traces(
         span: times in s from and to which to draw.
         limits: range of the vertical axis by role or name, in the unit of the log.
         labels: axis label without unit by role or name; otherwise the signal's meaning.
-        names: what the legend says of a loop.
     """
     chosen = list(loops) or list(results.data.get(scenario, {}))
     if not chosen:
@@ -92,25 +65,24 @@ def traces(
     logs = {loop: results.log(scenario, loop) for loop in chosen}
     fig, axes = panels(len(signals), sharex=True)
     entries: dict[str, Any] = {}
-    axle = chosen_axle(results, logs, signals)
-    drawn = [make_panel(results, scenario, logs, wanted, span, axle or 0) for wanted in signals]
+    axle = seen.chosen_axle(results, logs, signals)
+    drawn = [seen.make_panel(results, scenario, logs, w, span, axle or 0) for w in signals]
     rough = {loop: sum(panel.rough.get(loop, 0.0) for panel in drawn) for loop in logs}
     behind = sorted(rough, key=lambda loop: -rough[loop])  # chattering ones do not cover
-    dashes = line_styles([panel.curves for panel in drawn], behind)
+    dashes = looks.line_styles([panel.curves for panel in drawn], behind)
     dashes |= {loop: own for loop in behind if (own := dash(loop, chosen)) != "-"}
     hues = hues_of(list(results.data[scenario]))
     with style():
         for axis, panel in zip(axes[:, 0], drawn, strict=True):
             first, others, unit = panel.first, panel.others, panel.unit
             for loop in [n for n in behind if n in panel.curves]:
-                said = (names or {}).get(loop, loop)
                 line = stroke(
-                    axis, panel.curves[loop], color=hues[loop], ls=dashes[loop], label=said,
+                    axis, panel.curves[loop], color=hues[loop], ls=dashes[loop], label=loop,
                     zorder=2 + 0.01 * behind.index(loop),
                 )  # fmt: skip
                 if loop in panel.axles:
                     live.axles(line, panel.curves[loop][0], panel.axles[loop])
-                entries.setdefault(said, line)
+                entries.setdefault(loop, line)
             for other in others:
                 _references(axis, results, logs, other, span, entries)
             factor, unit = display_scale(unit)
@@ -124,33 +96,26 @@ def traces(
             bands(axis, results, scenario, title=axis is axes[0, 0], axle=axle)
         axes[-1, 0].set_xlabel("time [s]")
         if len(entries) > 1:
-            order = [(names or {}).get(loop, loop) for loop in chosen]
-            loops_first = sorted(
-                entries, key=lambda n: order.index(n) if n in order else len(order)
-            )
+            loops_first = list(dict.fromkeys([*(n for n in chosen if n in entries), *entries]))
             fig.legend([entries[n] for n in loops_first], loops_first, ncols=min(len(entries), 6),
                        loc="outside upper center")  # fmt: skip
     return fig
 
 
 def _references(
-    axis: Axes,
-    results: Results,
-    logs: Mapping[str, Any],
-    wanted: str,
-    span: tuple[float, float] | None,
-    entries: dict[str, Any],
-) -> None:
+    axis: Axes, results: Results, logs: Mapping[str, Any], wanted: str,
+    span: tuple[float, float] | None, entries: dict[str, Any],
+) -> None:  # fmt: skip
     """Draw a reference or a bound in thin grey, once where all loops have the same."""
-    found = {loop: n for loop, log in logs.items() if (n := logged_name(results, log, wanted))}
+    found = {loop: n for loop, log in logs.items() if (n := seen.logged_name(results, log, wanted))}
     drawn: list[np.ndarray] = []
     for loop, name in found.items():
         values = logs[loop][name].values
         if any(np.array_equal(values, d) for d in drawn):
             continue
         drawn.append(values)
-        said = short_meaning(logs[loop][name], name)
-        curve = samples(logs[loop], name, span)
+        said = seen.short_meaning(logs[loop][name], name)
+        curve = seen.samples(logs[loop], name, span)
         line = stroke(axis, curve, color=GREY, ls=(0, (4, 2)), lw=0.9, zorder=3, label=said)
         entries.setdefault(said, line)
 
@@ -165,10 +130,10 @@ def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
     fig, axes = panels(len(loops), height=1.5, sharex=True, sharey=True)
     roles, hues = results.study.signals, hues_of(list(results.data[scenario]))
     case = next(c for c in results.cases if c.scenario.name == scenario)
-    axle = chosen_axle(results, logs, ["slip"])
+    axle = seen.chosen_axle(results, logs, ["slip"])
     with style():
         for axis, (loop, log) in zip(axes[:, 0], logs.items(), strict=True):
-            t, v = samples(log, roles.find("speed", log), None)
+            t, v = seen.samples(log, roles.find("speed", log), None)
             slip = roles.find("slip", log)
             by_ratio = log[slip].attrs.get("units") != "m/s"
 
@@ -176,9 +141,9 @@ def speeds(results: Results, scenario: str, loops: Sequence[str]) -> Figure:
                 s = roles.slip_sign(log) * s
                 return v * (1 - s) if by_ratio else v - s
 
-            s = samples(log, slip, None, axle or 0)[1]
+            s = seen.samples(log, slip, None, axle or 0)[1]
             line = stroke(axis, (t, rim(s)), color=hues[loop], label=f"rim, {loop}")
-            every = each_axle(log, slip, None)
+            every = seen.each_axle(log, slip, None)
             if every is not None:
                 live.axles(line, t, rim(every, v=v[:, None]))
             stroke(axis, (t, v), color=GREY, lw=0.9, ls=(0, (4, 2)), label="vehicle")
@@ -250,13 +215,14 @@ def bands(
     def spans(of: int | None) -> list[tuple[float, float]]:
         changes = list(log.attrs.get("rail_changes_s", []))
         if of is not None and rail.by != "time":
-            changes = arrivals(results, log, list(rail.starts[1:]), of) or changes
+            changes = seen.arrivals(results, log, list(rail.starts[1:]), of) or changes
         starts = [0.0, *changes]
         return list(zip(starts, [*starts[1:], _last(results, case)], strict=True))
 
     many = _axles(results, log) if axle is not None and rail.by != "time" else 0
-    names = [(s.condition or "").replace("_", " ") for s in rail.sections]
-    hues = [RAILS.get((s.condition or "").partition("_")[0], "#FFFFFF") for s in rail.sections]
+    conditions = [s.condition or "" for s in rail.sections]
+    names = [c.replace("_", " ") for c in conditions]
+    hues = [looks.RAILS.get(c.partition("_")[0], "#FFFFFF") for c in conditions]
     if many:
         told = names if title else [""] * len(names)
         live.bands(axis, [
@@ -265,16 +231,15 @@ def bands(
         ])  # fmt: skip
     ends = spans(axle)
     left, right = axis.get_xlim()
-    for section, (a, b) in zip(rail.sections, ends, strict=False):
+    for hue, name, (a, b) in zip(hues, names, ends, strict=False):
         a, b = max(a, left), min(b, right)
         if a >= b:
             continue
-        shade = RAILS.get((section.condition or "").partition("_")[0], "#FFFFFF")
-        axis.axvspan(a, b, color=shade, lw=0, zorder=-5)
+        axis.axvspan(a, b, color=hue, lw=0, zorder=-5)
         if a > left:
             axis.axvline(a, color="#AAAAAA", lw=0.7, zorder=-4)
-        if title and section.condition:
-            axis.annotate(section.condition.replace("_", " "), ((a + b) / 2, 1.0),
+        if title and name:
+            axis.annotate(name, ((a + b) / 2, 1.0),
                           xycoords=("data", "axes fraction"), xytext=(0, 2),
                           textcoords="offset points", ha="center", va="bottom",
                           fontsize=8, color="#555555")  # fmt: skip
@@ -311,16 +276,12 @@ def lines(
         points: show the points of each curve.
         legend: name the curves, where there is more than one.
     """
-    fig = axis.get_figure() if axis is not None else None
-    if axis is None:
-        fig, axes = panels(height=3.2)
-        axis = axes[0, 0]
-    assert axis is not None
+    fig, axis = looks.panel_of(axis, 3.2)
     with style():
         hues = hues_of(list(curves))
         long = {n: (xs, _seen(ys, "y" in log)) for n, (xs, ys) in curves.items()
                 if len(np.atleast_1d(xs)) > 1}  # fmt: skip
-        lines_of: dict[str, Any] = line_styles([long], list(long))
+        lines_of: dict[str, Any] = looks.line_styles([long], list(long))
         for name, (xs, ys) in curves.items():
             own = _line(name, hues)
             dashes = lines_of.get(name, own) if own == "-" else own
@@ -343,7 +304,7 @@ def lines(
         axis.margins(x=0.02 if points else 0.0)
         if len(curves) > 1 and legend:
             axis.legend()
-    return fig  # type: ignore[return-value]
+    return fig
 
 
 def _seen(ys: Any, logarithmic: bool) -> np.ndarray:
@@ -364,7 +325,6 @@ def laws(
     conditions: Mapping[str, Mapping[str, float]] | None = None,
     *,
     upto: float = 10.0,
-    start: float = 0.0,
     peaks: Mapping[str, tuple[float, float]] | None = None,
     axis: Axes | None = None,
     title: str = "",
@@ -374,7 +334,7 @@ def laws(
     Args:
         law: from slip, its first input, to adhesion, its first output.
         conditions: parameters by condition; otherwise those that the law declares.
-        start, upto: range of the slip.
+        upto: largest slip, from 0 on.
         peaks: place and height of the peak by condition, to be marked.
         axis: draw here instead of in a new figure.
         title: above the panel.
@@ -383,15 +343,14 @@ def laws(
 
     slip = next(iter(law.inputs.values()))
     out = next(iter(law.outputs.values()))
-    at = np.linspace(start, upto, 401)
+    at = np.linspace(0.0, upto, 401)
     rest = {n: s.value if s.value is not None else 0.0 for n, s in law.inputs.items()}
     curves = {}
     for name, values in (conditions or law.conditions or {law.name: {}}).items():
         p = law.pack("param", law.param_values(**values))
         columns = [at if n == slip.name else np.full(at.size, float(v)) for n, v in rest.items()]
-        y = law.f.map(at.size)(
-            ca.DM(0, at.size), ca.DM(np.array(columns)), ca.repmat(p, 1, at.size)
-        )
+        given = ca.DM(0, at.size), ca.DM(np.array(columns)), ca.repmat(p, 1, at.size)
+        y = law.f.map(at.size)(*given)
         index = list(law.outputs).index(out.name)
         curves[name] = (at, np.array(y[1]).reshape(-1, at.size)[index])
     across, up = (s.doc.partition(",")[0] or s.name for s in (slip, out))
@@ -417,11 +376,7 @@ def bars(
         title: above the panel.
         limit: name and height of a line to compare with.
     """
-    fig = axis.get_figure() if axis is not None else None
-    if axis is None:
-        fig, axes = panels(height=2.8)
-        axis = axes[0, 0]
-    assert axis is not None
+    fig, axis = looks.panel_of(axis, 2.8)
     members = list(dict.fromkeys(m for group in groups.values() for m in group))
     hues = hues_of(members)
     width = 0.8 / max(len(members), 1)
@@ -429,22 +384,22 @@ def bars(
         for k, member in enumerate(members):
             at = [g + (k - (len(members) - 1) / 2) * width for g in range(len(groups))]
             heights = [group.get(member) for group in groups.values()]
-            shown = [(a, h) for a, h in zip(at, heights, strict=True) if h is not None]
-            if shown:
-                places, tops = zip(*shown, strict=True)
+            seen = [(a, h) for a, h in zip(at, heights, strict=True) if h is not None]
+            if seen:
+                places, tops = zip(*seen, strict=True)
                 hatch = "///" if "_printed" in member else None
                 axis.bar(places, tops, 0.9 * width, color=hues[member], label=member, hatch=hatch,
                          edgecolor="white", lw=0)  # fmt: skip
         limit_line(axis, limit)
-        axis.set_xticks(range(len(groups)), names_below(groups))
+        axis.set_xticks(range(len(groups)), looks.names_below(groups))
         axis.grid(visible=False, axis="x")
         if log:
-            logarithmic(axis)
+            looks.logarithmic(axis)
         axis.set_ylabel(label(*y))
         axis.set_title(title)
         if len(members) > 1:
             axis.legend(ncols=min(len(members), 4))
-    return fig  # type: ignore[return-value]
+    return fig
 
 
 def _wrap(text: str, width: int = 24) -> str:
@@ -473,13 +428,6 @@ def svg_text(fig: Figure, stamp: str = "") -> str:
     from slipctl.draw import figure_files
 
     return figure_files.svg_text(fig, stamp)
-
-
-def png_bytes(fig: Figure, stamp: str = "") -> bytes:
-    """Figure as PNG, the same bytes every time; ``stamp`` is what it says of itself."""
-    from slipctl.draw import figure_files
-
-    return figure_files.pictures(fig, stamp)[1]
 
 
 def mark_quick(fig: Figure) -> None:

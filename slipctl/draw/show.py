@@ -302,9 +302,9 @@ def _value(value: Any) -> str:
 
 def _flat(value: Any) -> list[Any]:
     """All numbers of a nested list."""
-    return (
-        [v for part in value for v in _flat(part)] if isinstance(value, list | tuple) else [value]
-    )
+    if not isinstance(value, list | tuple):
+        return [value]
+    return [v for part in value for v in _flat(part)]
 
 
 def _range(s: Signal) -> str:

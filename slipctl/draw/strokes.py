@@ -41,12 +41,10 @@ def envelope(t: np.ndarray, y: np.ndarray, columns: int = 1500) -> tuple[np.ndar
         return t, y
     edges = np.linspace(0, len(t), columns + 1).astype(int)
     first, last = edges[:-1], edges[1:] - 1
-    parts = np.asarray(y)[
-        np.minimum(first[:, None] + np.arange(np.diff(edges).max()), last[:, None])
-    ]
-    keep = np.sort(
-        [first, first + parts.argmin(1), first + parts.argmax(1), last], axis=0
-    ).T.ravel()
+    inside = np.minimum(first[:, None] + np.arange(np.diff(edges).max()), last[:, None])
+    parts = np.asarray(y)[inside]
+    low, high = first + parts.argmin(1), first + parts.argmax(1)
+    keep = np.sort([first, low, high, last], axis=0).T.ravel()
     keep = keep[np.diff(keep, prepend=-1) > 0]
     return t[keep], y[keep]
 

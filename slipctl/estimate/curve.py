@@ -107,9 +107,8 @@ def points(
     given: dict[str, Any] = {n: float(v) for n, v in law.param_values().items()}
     given = {n: v for n, v in given.items() if n in known or law.params[n].derived}
     given |= {n: s.value for n, s in law.inputs.items() if s.value is not None} | dict(known)
-    reads, notes = read_heads(
-        law, source, signals, units, columns, known, si=not isinstance(table, Table)
-    )
+    si = not isinstance(table, Table)
+    reads, notes = read_heads(law, source, signals, units, columns, known, si)
     found, many = {}, data.many
     for n in {k for e in reads.values() for k in names_in(e)} & set(names):
         given[n] = data[n] * (unit(units[n]).scale if units[n] else 1.0)
@@ -122,7 +121,8 @@ def points(
                 raise BadInput(f"{n} is read as {expression}, so {lost[0]} cannot be unknown")
             if missing:
                 raise BadInput(_lacking(law, source, n, names, expression, missing))
-            result = np.asarray(evaluate(expression, _as_dm(given, many), f"{source}: {n}"))
+            columns_of = {k: ca.DM(np.broadcast_to(v, many)) for k, v in given.items()}
+            result = np.asarray(evaluate(expression, columns_of, f"{source}: {n}"))
             found[n] = np.broadcast_to(result.ravel(), many)
         elif n in units:
             u = units[n]
@@ -219,9 +219,8 @@ def _expressions(
         found[n] = python_name(said.text)
         for key, column in said.columns.items():
             wanted = signals[n].unit if said.plain else ""
-            data.units[python_name(key)] = unit_of_column(
-                table, column, said.told[key], wanted, notes
-            )
+            own = unit_of_column(table, column, said.told[key], wanted, notes)
+            data.units[python_name(key)] = own
     return found, [f"{table.path}: {line}" for line in notes]
 
 
@@ -230,10 +229,6 @@ def _check_single(table: Table | Mapping[str, Any], names: Iterable[str]) -> Non
     for n in names:
         if isinstance(table, Table) and n in table.twice:
             table.find(n)
-
-
-def _as_dm(given: Mapping[str, Any], many: int) -> dict[str, Any]:
-    return {n: ca.DM(np.broadcast_to(v, many)) for n, v in given.items()}
 
 
 def _lacking(

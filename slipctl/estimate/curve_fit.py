@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -17,13 +16,9 @@ from slipctl import registry
 from slipctl.block.block import Block
 from slipctl.block.reach import measured_reach, with_reach
 from slipctl.errors import BadInput, check_known
+from slipctl.estimate import model
 from slipctl.estimate.curve import Curve, parameters_of_columns, points, quantity, settings
-from slipctl.estimate.model import (
-    known_parameters,
-    measured_output,
-    output_function,
-    unknown_parameters,
-)
+from slipctl.estimate.log_fit.record import origin
 from slipctl.tables.table import read_table
 
 Numbers = Mapping[str, Any]
@@ -82,15 +77,6 @@ class Fitted:
         return float(np.sqrt(np.mean(self.residuals**2)))
 
 
-def _origin(curve: Curve) -> str:
-    """Source of a fitted number: the measured curve, and which bytes it had."""
-    file = Path(curve.source)
-    if not file.is_file():
-        return f"fitted to {curve.source}"
-    digest = hashlib.sha256(file.read_bytes()).hexdigest()
-    return f"fitted to {file.name}, sha256 {digest[:16]}"
-
-
 def fit(
     law: Block,
     data: str | Path | Mapping[str, Any],
@@ -130,10 +116,10 @@ def fit(
         BadInput: an unknown name, a curve that lacks a column or is not sorted by it, fewer points
             than unknowns plus one, or unknowns that the curve does not identify. Says which.
     """
-    output = measured_output(law, measured)
+    output = model.measured_output(law, measured)
     if unknown is None and law.conditions:
         unknown = [n for n in law.params if any(n in c for c in law.conditions.values())]
-    unknown = unknown_parameters(law, unknown)
+    unknown = model.unknown_parameters(law, unknown)
     table = data if isinstance(data, Mapping) else read_table(data, decimal)
     source = "data" if isinstance(data, Mapping) else str(data)
     known = {n: quantity(law, n, v) for n, v in (at or {}).items()}
@@ -146,8 +132,9 @@ def fit(
     known = {n: v for n, v in told.items() if n not in unknown} | known
     followed, notes = _following(law, source, told, given, known)
     known |= followed
+    signals = {**law.law_data.beside, **law.inputs, **law.params}
     notes += tuple(
-        f"{source}: its comment has {n} = {v:g} {_unit_of(law, n)}; {given[n]:g} is given and taken"
+        f"{source}: its comment has {n} = {v:g} {signals[n].unit}; {given[n]:g} is given and taken"
         for n, v in told.items()
         if n in given and given[n] != v
     )
@@ -162,9 +149,8 @@ def fit(
     tied = {a: b for a, b in law.orders() if ordered and free[0][a] < free[0][b]}
     if tied:
         equal = {b: math.sqrt(free[0][a] * free[0][b]) for a, b in tied.items()}
-        free = _solve(
-            law.with_params(**tied, **equal), curve, [n for n in unknown if n not in tied]
-        )
+        rest = [n for n in unknown if n not in tied]
+        free = _solve(law.with_params(**tied, **equal), curve, rest)
     found = _judged(law, curve, unknown, tied, *free)
     of = {*followed, *(inspect.signature(law.law_data.follows).parameters if followed else ())}  # type: ignore[arg-type]
     notes = (*said, *notes, *_untold(found.law, curve, origin, of))
@@ -249,10 +235,6 @@ def _origins(
     return found
 
 
-def _unit_of(law: Block, name: str) -> str:
-    return {**law.law_data.beside, **law.inputs, **law.params}[name].unit
-
-
 def _untold(
     law: Block, curve: Curve, origin: Mapping[str, str], said: Collection[str]
 ) -> tuple[str, ...]:
@@ -260,19 +242,20 @@ def _untold(
     names = [n for n, o in origin.items() if o.startswith("the law's own") and n not in said]
     if not names:
         return ()
-    f = output_function(law, curve.output, names)
+    f = model.output_function(law, curve.output, names)
     values = law.param_values()
-    rest = ca.DM(np.concatenate([[], *(np.ravel(s.value) for s in known_parameters(law, names))]))
+    known = model.known_parameters(law, names)
+    rest = ca.DM(np.concatenate([[], *(np.ravel(s.value) for s in known)]))
     J = f.map(curve.measured.size)(
         ca.repmat(ca.DM([float(values[n]) for n in names]), 1, curve.measured.size),
         ca.DM(np.array([curve.inputs[k] for k in law.inputs])),
         ca.repmat(rest, 1, curve.measured.size),
     )[1].full().reshape(len(names), -1, order="F")  # fmt: skip
     moved = [n for n, row in zip(names, J, strict=True) if np.any(row)]
+    if not moved:
+        return ()
     own = ", ".join(f"{n} = {float(values[n]):.5g} {law.params[n].unit}" for n in moved)
-    return (f"not given, taken from the law: {own.replace(' 1,', ',').removesuffix(' 1')}",) * bool(
-        moved
-    )
+    return (f"not given, taken from the law: {own.replace(' 1,', ',').removesuffix(' 1')}",)
 
 
 def _peaks(law: Block, curve: Curve) -> tuple[tuple[dict[str, float], float, float], ...]:
@@ -343,9 +326,9 @@ def _solve(law: Block, curve: Curve, unknown: Sequence[str]) -> Solution:
     """Parameters, residuals, Jacobian by the coordinates, coordinates, and which are at a bound."""
     from scipy.optimize import least_squares
 
-    f = output_function(law, curve.output, unknown)
+    f = model.output_function(law, curve.output, unknown)
     many, count = curve.measured.size, len(unknown)
-    fixed = [s.value for s in known_parameters(law, unknown)]
+    fixed = [s.value for s in model.known_parameters(law, unknown)]
     constants = ca.DM(np.concatenate([[], *(np.ravel(v) for v in fixed)]))
     inputs = ca.DM(np.array([curve.inputs[k] for k in law.inputs]))
     each = f.map(many)
@@ -446,7 +429,7 @@ def _judged(
     for a, b in tied.items():
         values[a], std[a], interval[a] = values[b], std[b], interval[b]
     values = {n: values[n] for n in unknown}
-    fitted = law.with_params(**values).with_source(_origin(curve), *values)
+    fitted = law.with_params(**values).with_source(origin([curve.source]), *values)
     fitted = with_reach(fitted, measured_reach(law, curve.inputs))
     p = fitted.param_values()
     doubts = tuple(

@@ -52,12 +52,9 @@ def normal_equations(model: Model, sums: ca.Function) -> ca.Function:
     H = slopes.T @ JJ @ slopes / sigma2 + Lambda
     r = slopes.T @ Je / sigma2 + Lambda @ off
     return ca.Function(
-        "normal_equations",
-        [theta, kept, weights, mean, Lambda, sigma2, constants],
-        [J, squares, H, r],
-        list(DATA),
-        ["J", "squares", "H", "r"],
-    )
+        "normal_equations", [theta, kept, weights, mean, Lambda, sigma2, constants],
+        [J, squares, H, r], list(DATA), ["J", "squares", "H", "r"],
+    )  # fmt: skip
 
 
 def iteration(normal: ca.Function) -> ca.Function:
@@ -71,9 +68,8 @@ def iteration(normal: ca.Function) -> ca.Function:
     there = theta + solver(theta.shape[0])(H + damping * ca.diag(ca.diag(H)), r, least)
     then = normal(there, *data)
     better = then[0] < J  # false for NaN too, so a step out of range is refused
-    following = [
-        ca.if_else(better, b, a) for a, b in zip([theta, *now], [there, *then], strict=True)
-    ]
+    pairs = zip([theta, *now], [there, *then], strict=True)
+    following = [ca.if_else(better, b, a) for a, b in pairs]
     more = ca.if_else(4 * damping > BLIND / ca.sqrt(eps), DAMPING, ca.fmin(damping * 4, MOST))
     after = ca.if_else(better, ca.fmax(damping / 4, LEAST), more)
     taken = [theta, *now, damping, least, eps, *data]

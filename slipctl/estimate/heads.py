@@ -29,14 +29,9 @@ def python_name(text: str) -> str:
 
 
 def read_heads(
-    law: Block,
-    source: str,
-    signals: Mapping[str, Signal],
-    heads: Units,
-    columns: Mapping[str, str],
-    known: Mapping[str, Any],
-    si: bool,
-) -> tuple[dict[str, str], list[str]]:
+    law: Block, source: str, signals: Mapping[str, Signal], heads: Units,
+    columns: Mapping[str, str], known: Mapping[str, Any], si: bool,
+) -> tuple[dict[str, str], list[str]]:  # fmt: skip
     """Expression of each signal that columns give, and a line for all that is not plain.
 
     A column that the law reads as a share of something (``creep * v``) and that is in the unit of

@@ -29,17 +29,8 @@ from slipctl.block.connection import connect
 from slipctl.block.signals import Output, Param, Signal, State
 from slipctl.block.transforms.discretisation import every
 from slipctl.errors import BadInput, check_positive
-from slipctl.estimate.misfit import (
-    SURE,
-    advice_for,
-    columns,
-    information,
-    information_numbers,
-    misfit,
-    regressor,
-    rotation,
-    solution,
-)
+from slipctl.estimate import misfit
+from slipctl.estimate.misfit import SURE, advice_for, information_numbers
 from slipctl.estimate.model import known_parameters, stack_column
 from slipctl.seek import random as wh
 from slipctl.seek.swarm import particle_swarm
@@ -93,12 +84,12 @@ def identify(
         BadInput: columns missing, unequal, not finite, or out of order; fewer samples than needed;
             data without excitation, with the excitation that would pass.
     """
-    measured, names, rows = regressor(law, measured, unknown)
+    measured, names, rows = misfit.regressor(law, measured, unknown)
     where = f"identify({law.name})"
     check_positive(f"{where}: accuracy", accuracy)
     check_positive(f"{where}: largest_condition", largest_condition)
     n = len(names)
-    inputs, m = columns(where, law, data, measured)
+    inputs, m = misfit.columns(where, law, data, measured)
     N = len(m)
     if n >= N:
         raise BadInput(f"{where}: {N} samples for {n} parameters; give {n + 1} or more")
@@ -156,11 +147,11 @@ def misfit_search(
     Raises:
         BadInput: a law that is not linear in the unknowns, unknown names, settings.
     """
-    measured, names, _ = regressor(law, measured, list(over))
+    measured, names, _ = misfit.regressor(law, measured, list(over))
     for k, (low, high) in over.items():
         for limit in (low, high):
             law.params[k].check(f"misfit_search({law.name}): range of {k}", limit)
-    return particle_swarm(misfit(law, measured, names), over, "J", **settings)
+    return particle_swarm(misfit.misfit(law, measured, names), over, "J", **settings)
 
 
 def linear_fit(
@@ -195,7 +186,7 @@ def linear_fit(
     Raises:
         BadInput: a law that is not linear in the unknowns, unknown names, no value to start from.
     """
-    measured, names, rows = regressor(law, measured, unknown)
+    measured, names, rows = misfit.regressor(law, measured, unknown)
     n, where = len(names), f"linear_fit({law.name})"
     centre = [law.params[k].value for k in names]
     if any(c is None for c in centre):
@@ -218,7 +209,7 @@ def linear_fit(
             Output(y.unit, "measurement minus prediction").named("residual"),
             Output("1", "standard deviations of the unknowns", shape=(n,)).named("deviation"),
             Output("1", "1 when the data tell all unknowns").named("identified"),
-            *(s.as_role("output", value=None) for s in information(law, measured, names)),
+            *(s.as_role("output", value=None) for s in misfit.information(law, measured, names)),
             Output(y.unit, "data: what no parameter explains").named("q"),
         ],
         period=period, sx=False, doc=_DOC,
@@ -248,7 +239,7 @@ def _rotations(
 ) -> Callable[..., Any]:
     """Body of recursive least squares: the row of a new sample is rotated into R, z and q."""
     n = len(names)
-    rotate, solve = rotation(n), solution(n)
+    rotate, solve = misfit.rotation(n), misfit.solution(n)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         inputs = law.pack("input", {k: u[k] for k in law.inputs})
@@ -312,9 +303,8 @@ def swarm_fit(
         BadInput: as the two.
     """
     spread = [hi - lo for lo, hi in over.values()]
-    samples = linear_fit(
-        law, measured, unknown=list(over), spread=spread, period=period, **(fit or {})
-    )
+    given = dict(unknown=list(over), spread=spread, period=period, **(fit or {}))
+    samples = linear_fit(law, measured, **given)
     search = misfit_search(law, over, measured, **settings)
     wires = {f"search.{k}": f"fit.{k}" for k in search.inputs}
     wires |= {f"fit.{k}": k for k in samples.inputs}

@@ -152,18 +152,13 @@ def _recursive(model: Model, period: float) -> Block:
         P = P * ca.fmin(1, p["cap"] * ca.trace(P_0) / ca.trace(P))
         return {"theta": theta, "P": P}, model.results(theta, P, predicted, e, changed)
 
+    weight = Param("1", 0.98, "weight of the past, per sample", "chosen", lo=1e-3, hi=1)
+    noise = Param(unit, 1e-2, "standard deviation of the measurement", "chosen", lo=1e-12, hi=1e12)
     return make_block(
         "rls", "step", body,
         states=[theta_state(model), covariance_state(n)], inputs=model.inputs(),
         params=[
-            Param("1", 0.98, "weight of the past, per sample", "chosen", lo=1e-3, hi=1).named(
-                "forgetting"
-            ),
-            Param(unit, 1e-2, "standard deviation of the measurement", "chosen", lo=1e-12,
-                  hi=1e12).named(
-                "noise"
-            ),
-            spread_param(n, 1.0),
+            weight.named("forgetting"), noise.named("noise"), spread_param(n, 1.0),
             Param(unit, 0.02, "residual that re-opens P", "chosen", lo=0, hi=1e12).named("jump"),
             Param("1", 1.0, "largest trace of P over that of its start", lo=1e-3,
                   hi=1e12).named("cap"),
@@ -204,15 +199,11 @@ def _printed_16(model: Model, period: float) -> Block:
         "1", 0.0, "beta, started at 0 as printed", shape=(n,), deviation="1",
         truth=model.coordinates,
     )  # fmt: skip
-    states = [beta_0.named("theta")]
+    weight = Param("1", 0.98, "lambda; no value is printed", "guess", lo=1e-3, hi=1)
     return make_block(
-        "rls", "step", body, states=[*states, covariance_state(n)], inputs=model.inputs(),
-        params=[
-            Param("1", 0.98, "lambda; no value is printed", "guess", lo=1e-3, hi=1).named(
-                "forgetting"
-            ),
-            *model.known(),
-        ],
+        "rls", "step", body, states=[beta_0.named("theta"), covariance_state(n)],
+        inputs=model.inputs(),
+        params=[weight.named("forgetting"), *model.known()],
         outputs=model.outputs(), period=period, sx=False, units="printed",
         choices=model.describe("printed-16"),
         doc="Huang 2020 eqs (15)-(19) as printed, with sigma = 1: regressor v_s, beta_0 = 0,"

@@ -11,7 +11,7 @@ import numpy as np
 
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Input, Output
-from slipctl.errors import BadInput, nearest
+from slipctl.errors import BadInput, check_known
 from slipctl.estimate.model import measured_output, output_function, unknown_parameters
 
 SURE = 1.96
@@ -60,7 +60,7 @@ def columns(
         elif name in law.inputs and law.inputs[name].value is not None:
             continue
         elif name != "time":
-            raise BadInput(f"{where}: no column {name!r}{nearest(name, [str(k) for k in data])}")
+            check_known(f"{where}: no column", name, [str(k) for k in data])
     N = found[measured].size
     for name, column in found.items():
         if column.shape != (N,):
@@ -128,14 +128,8 @@ def information(law: Block, measured: str, names: Sequence[str]) -> list[Any]:
     """Inputs R and z; a column of R times its unknown has the unit measured."""
     y, n = law.outputs[measured].unit, len(names)
     per = [f"({y}) / ({law.params[k].unit})" for k in names]
-    return [
-        *(
-            Input(per[j], "data: R").named(f"R{i + 1}{j + 1}")
-            for i in range(n)
-            for j in range(i, n)
-        ),
-        *(Input(y, "data: z").named(f"z{i + 1}") for i in range(n)),
-    ]
+    R = [Input(per[j], "data: R").named(f"R{i + 1}{j + 1}") for i in range(n) for j in range(i, n)]
+    return [*R, *(Input(y, "data: z").named(f"z{i + 1}") for i in range(n))]
 
 
 def information_numbers(R: np.ndarray, z: np.ndarray) -> dict[str, float]:

@@ -16,7 +16,7 @@ from slipctl.block.block import Block, Exprs
 from slipctl.block.signals import Output, Param, Signal, State
 from slipctl.block.text.intermediates import collect_locals, with_locals
 from slipctl.block.text.named_expressions import evaluate, names_in
-from slipctl.errors import BadInput, check_known, nearest
+from slipctl.errors import BadInput, check_all_known, check_known, nearest
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,9 @@ class Model:
 
     @classmethod
     def of(
-        cls,
-        law: Block,
-        measured: str | None,
-        unknown: Sequence[str] | None,
-        coordinates: Sequence[str] | None,
-        start: Mapping[str, float] | None,
-        plain: bool = False,
-    ) -> Model:
+        cls, law: Block, measured: str | None, unknown: Sequence[str] | None,
+        coordinates: Sequence[str] | None, start: Mapping[str, float] | None, plain: bool = False,
+    ) -> Model:  # fmt: skip
         """Check what the user asked for and build the functions."""
         measured, unknown = measured_output(law, measured), unknown_parameters(law, unknown)
         told = {n for c in law.law_data.coordinates for n in names_in(c)}
@@ -63,14 +58,12 @@ class Model:
         if not isinstance(start, Mapping | None):
             raise BadInput(f"rls({law.name}): start = {start!r} is not {{{unknown[0]!r}: ...}}")
         for n, v in (start or {}).items():
-            if n not in values:
-                raise BadInput(f"rls({law.name}): start has {n!r}{nearest(n, unknown)}")
+            check_known(f"rls({law.name}): start has", n, unknown)
             values[n] = float(law.params[n].check(f"rls({law.name}): start of {n}", v))
         for n, v in values.items():
             if v is None:
-                raise BadInput(
-                    f"rls({law.name}): give start={{{n!r}: ...}} in {law.params[n].unit}"
-                )
+                unit = law.params[n].unit
+                raise BadInput(f"rls({law.name}): give start={{{n!r}: ...}} in {unit}")
         parameters, guess = _coordinate_map(law.name, unknown, tuple(coordinates), values)
         output = output_function(law, measured, unknown, settled=True)
         return cls(law, measured, unknown, tuple(coordinates), guess, parameters, output)
@@ -111,18 +104,14 @@ class Model:
     def outputs(self) -> list[Signal]:
         """Outputs of an estimator."""
         unit, n = self.law.outputs[self.measured].unit, self.n
-        found = [
-            Output(self.law.params[k].unit, f"estimate: {self.law.params[k].doc}").named(k)
-            for k in self.unknown
-        ]
+        p = self.law.params
+        covariance = Output("1", "covariance of the unknowns, in their units", shape=(n, n))
         return [
-            *found,
+            *(Output(p[k].unit, f"estimate: {p[k].doc}").named(k) for k in self.unknown),
             Output(unit, "prediction of the new sample").named("predicted"),
             Output(unit, "measurement minus prediction").named("residual"),
             Output("1", "1 when the sample contradicts the estimate").named("changed"),
-            Output("1", "covariance of the unknowns, in their units", shape=(n, n)).named(
-                "covariance"
-            ),
+            covariance.named("covariance"),
         ]
 
     def sample(self, u: Exprs) -> tuple[Any, Any]:
@@ -261,9 +250,7 @@ def _coordinate_map(
     q = []
     texts = [inside or whole for inside, whole in zip(inner, coordinates, strict=True)]
     for text in texts:
-        for n in names_in(text):
-            if n not in symbols:
-                raise BadInput(f"{where} use {n!r}{nearest(n, unknown)}")
+        check_all_known(f"{where} use", names_in(text), symbols)
         q.append(ca.SX(evaluate(text, symbols, where)))
     M = ca.jacobian(ca.vertcat(*q), p)
     if ca.depends_on(M, p):

@@ -27,12 +27,10 @@ def white_sums(model: Model, window: int) -> ca.Function:
     weight, constants = ca.MX.sym("weight"), ca.MX.sym("constants", known)
     y, row = model.output(values, sample[:size], constants)
     one = ca.Function(
-        "one_sample",
-        [values, sample, weight, constants],
+        "one_sample", [values, sample, weight, constants],
         _products(model.n).call([sample[size] - y, row, weight]),
-        ["values", "sample", "weight", "constants"],
-        ["squares", "JJ", "Je"],
-    )
+        ["values", "sample", "weight", "constants"], ["squares", "JJ", "Je"],
+    )  # fmt: skip
     return one.map("all_samples", "serial", window, [0, 3], [0, 1, 2])
 
 
@@ -40,13 +38,9 @@ def _products(n: int) -> ca.Function:
     """Function (residual, regressor, weight) -> (squares, JJ, Je) of one sample."""
     e, row, weight = ca.SX.sym("e"), ca.SX.sym("row", 1, n), ca.SX.sym("weight")
     return ca.Function(
-        "products",
-        [e, row, weight],
-        [weight * e**2, weight * row.T @ row, weight * row.T * e],
-        ["e", "row", "weight"],
-        ["squares", "JJ", "Je"],
-        {"cse": True},
-    )
+        "products", [e, row, weight], [weight * e**2, weight * row.T @ row, weight * row.T * e],
+        ["e", "row", "weight"], ["squares", "JJ", "Je"], {"cse": True},
+    )  # fmt: skip
 
 
 def echoing_sums(model: Model, window: int, echo: float) -> tuple[ca.Function, ca.Function]:
@@ -65,18 +59,14 @@ def echoing_sums(model: Model, window: int, echo: float) -> tuple[ca.Function, c
     r = 1 + echo**2 - echo * q
     more = ca.vertcat(u[0] ** 2, ca.vec(u[1:] @ u[1:].T), u[1:] * u[0]) / r
     one = ca.Function(
-        "one_sample",
-        [ca.vertcat(q, left, last, sums), values, sample, weight, constants],
-        [ca.vertcat(weight * echo / r, echo / r * u, more, sums + more)],
-        {"cse": True},
-    )
+        "one_sample", [ca.vertcat(q, left, last, sums), values, sample, weight, constants],
+        [ca.vertcat(weight * echo / r, echo / r * u, more, sums + more)], {"cse": True},
+    )  # fmt: skip
     every = one.fold(window)
     taken = [
-        ca.MX.sym("values", n),
-        ca.MX.sym("samples", sample.shape[0], window),
-        ca.MX.sym("weights", 1, window),
-        ca.MX.sym("constants", constants.shape[0]),
-    ]
+        ca.MX.sym("values", n), ca.MX.sym("samples", sample.shape[0], window),
+        ca.MX.sym("weights", 1, window), ca.MX.sym("constants", constants.shape[0]),
+    ]  # fmt: skip
 
     def end(*, newest_first: bool) -> list[ca.MX]:
         """(q, left, last, sums), the last two in parts."""

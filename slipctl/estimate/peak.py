@@ -18,14 +18,8 @@ import numpy as np
 
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Input, Output, Param, Signal, State
-from slipctl.errors import BadInput, check_finite, check_known, check_positive, nearest
-from slipctl.estimate.model import (
-    known_parameters,
-    measured_output,
-    output_function,
-    stack_column,
-    unknown_parameters,
-)
+from slipctl.errors import BadInput, check_all_known, check_finite, check_known, check_positive
+from slipctl.estimate import model
 
 WORST = 1e3
 """Relative deviation reported where the estimated curve has no peak at the given place."""
@@ -72,21 +66,21 @@ def probe(
     Raises:
         BadInput: an unknown name, or a range that is none.
     """
-    measured, unknown = measured_output(law, measured), unknown_parameters(law, unknown)
+    measured, unknown = model.measured_output(law, measured), model.unknown_parameters(law, unknown)
     _scalar_input(law, over, "probe")
     lowest, highest = within
     if not (math.isfinite(lowest) and math.isfinite(highest) and lowest < highest):
         raise BadInput(f"probe({law.name}): within = {within} must be (lowest, highest)")
     check_positive(f"probe({law.name}): period", period, "s")
     s, others = law.inputs[over], [k for k in law.inputs if k != over]
-    known = known_parameters(law, unknown)
+    known = model.known_parameters(law, unknown)
     gradient = peak_gradient(law, over, measured, unknown)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         best = ca.fmin(ca.fmax(u["best"], p["lowest"]), p["highest"])
         inputs = law.pack("input", {k: u[k] for k in others} | {over: best})
         values = ca.vertcat(*[u[k] for k in unknown])
-        g, curvature = gradient(values, inputs, stack_column(p[k.name] for k in known))
+        g, curvature = gradient(values, inputs, model.stack_column(p[k.name] for k in known))
         variance = g @ u["covariance"] @ g.T
         certain = ca.logic_and(curvature < 0, variance < (WORST * best) ** 2)
         deviation = ca.if_else(certain, ca.sqrt(ca.fmax(variance, 0)) / best, WORST)
@@ -142,12 +136,10 @@ def _probe_inputs(law: Block, over: str, unknown: Sequence[str], highest: float)
     """Inputs of a probe: the estimate, how sure it is, and its peak."""
     n, s = len(unknown), law.inputs[over]
     convention: Any = {"positive": s.positive, "per": s.per}
+    covariance = Input("1", "covariance of the unknowns, in their units", shape=(n, n))
     return [
-        *(Input(law.params[k].unit, f"estimate: {law.params[k].doc}").named(k)
-          for k in unknown),
-        Input("1", "covariance of the unknowns, in their units", shape=(n, n)).named(
-            "covariance"
-        ),
+        *(Input(law.params[k].unit, f"estimate: {law.params[k].doc}").named(k) for k in unknown),
+        covariance.named("covariance"),
         Input("1", "1 when the rail has changed").named("changed"),
         Input(s.unit, "peak of the estimated law", **convention).named("best"),
         Input(s.unit, "highest reference now", value=highest, **convention).named("limit"),
@@ -157,24 +149,21 @@ def _probe_inputs(law: Block, over: str, unknown: Sequence[str], highest: float)
 
 def _probe_numbers(unit: str, lowest: float, highest: float, looks: bool) -> list[Signal]:
     """Parameters of a probe."""
-    return [
-        Param("1", 0.4, "how far past the peak to probe, over its place", "chosen", lo=0, hi=2
-              ).named("depth"),
-        Param(unit, lowest, "lowest reference", "given", lo=-1e12, hi=1e12).named("lowest"),
-        Param(unit, highest, "highest reference", "given", lo=-1e12,
-              hi=1e12).named("highest"),
-        Param("1", 0.02, "relative deviation of the peak that ends the probing", "chosen",
-              lo=1e-6, hi=1e12).named("tolerance"),
-        Param("s", 0.3, "longest time of probing", "chosen", lo=0, hi=60).named("longest"),
-        *[
-            Param("s", 1.0, "time after which it looks again", "chosen", lo=0, hi=3600).named(
-                "again"
-            ),
-            Param("s", 0.08, "how long it looks", "chosen", lo=0, hi=60).named("look"),
-            Param("1", 0.15, "how far it looks past the peak, over its place", "chosen", lo=0,
-                  hi=2).named("nudge"),
-        ][: 3 * looks],
+    rows = [
+        ("depth", "1", 0.4, "how far past the peak to probe, over its place", "chosen", 0, 2),
+        ("lowest", unit, lowest, "lowest reference", "given", -1e12, 1e12),
+        ("highest", unit, highest, "highest reference", "given", -1e12, 1e12),
+        ("tolerance", "1", 0.02, "relative deviation of the peak that ends the probing", "chosen",
+         1e-6, 1e12),
+        ("longest", "s", 0.3, "longest time of probing", "chosen", 0, 60),
+        ("again", "s", 1.0, "time after which it looks again", "chosen", 0, 3600),
+        ("look", "s", 0.08, "how long it looks", "chosen", 0, 60),
+        ("nudge", "1", 0.15, "how far it looks past the peak, over its place", "chosen", 0, 2),
     ]  # fmt: skip
+    return [
+        Param(u, value, doc, source, lo=lo, hi=hi).named(n)
+        for n, u, value, doc, source, lo, hi in rows[: 8 if looks else 5]
+    ]
 
 
 class PeakBound(NamedTuple):
@@ -219,7 +208,7 @@ def peak_bound(
     Raises:
         BadInput: unknown names, a noise that is not positive, samples missing or of two lengths.
     """
-    measured, unknown = measured_output(law, measured), unknown_parameters(law, unknown)
+    measured, unknown = model.measured_output(law, measured), model.unknown_parameters(law, unknown)
     _scalar_input(law, over, "peak_bound")
     check_positive(f"peak_bound({law.name}): noise", noise)
     check_finite(f"peak_bound({law.name}): at", at)
@@ -228,10 +217,8 @@ def peak_bound(
     for k in law.inputs:
         if k not in samples:
             raise BadInput(f"peak_bound({law.name}): samples lack {k} [{law.inputs[k].unit}]")
-    for k in (*samples, *(spread or {})):
-        if k not in law.inputs and k not in unknown:
-            names = [*law.inputs, *unknown]
-            raise BadInput(f"peak_bound({law.name}) has no {k!r}{nearest(k, names)}")
+    names = [*law.inputs, *unknown]
+    check_all_known(f"peak_bound({law.name}) has no", (*samples, *(spread or {})), names)
     columns = [np.atleast_1d(np.asarray(samples[k], dtype=float)) for k in law.inputs]
     if not all(np.isfinite(c).all() for c in columns):
         raise BadInput(f"peak_bound({law.name}): samples must be finite numbers")
@@ -239,24 +226,24 @@ def peak_bound(
         raise BadInput(f"peak_bound({law.name}): samples must be lists of one length")
     every = law.param_values(**params)
     values = ca.DM([float(every[k]) for k in unknown])
-    known = stack_column(ca.DM(every[s.name]) for s in known_parameters(law, unknown))
+    known = model.stack_column(ca.DM(every[s.name]) for s in model.known_parameters(law, unknown))
     count, n = columns[0].size, len(unknown)
     inputs = ca.DM(np.array(columns).reshape(len(columns), count))
     many = [ca.repmat(c, 1, count) for c in (values, known)]
-    rows = output_function(law, measured, unknown).map(count)(many[0], inputs, many[1])[1]
+    rows = model.output_function(law, measured, unknown).map(count)(many[0], inputs, many[1])[1]
     H = np.array(ca.DM(rows).full()).reshape(count, n) / noise
     before = np.diag([1 / spread[k] if spread and k in spread else 0.0 for k in unknown])
     place = {k: at if k == over else c.mean() for k, c in zip(law.inputs, columns, strict=True)}
     peak = ca.DM([place[k] for k in law.inputs])
     g, _ = peak_gradient(law, over, measured, unknown)(values, peak, known)
-    h = output_function(law, measured, unknown)(values, peak, known)[1]
+    h = model.output_function(law, measured, unknown)(values, peak, known)[1]
     root = np.vstack([H, before])
     return PeakBound(*(_deviation(np.array(ca.DM(v).full()).ravel(), root) for v in (g, h)))
 
 
 def peak_gradient(law: Block, over: str, measured: str, unknown: Sequence[str]) -> ca.Function:
     """Function (unknown, inputs, known) -> (g, curvature) at a peak along one input."""
-    output = output_function(law, measured, unknown)
+    output = model.output_function(law, measured, unknown)
     sym: Any = ca.SX.sym if law.sx else ca.MX.sym
     names = "values", "at", "known"
     values, inputs, known = (sym(n, output.size1_in(k)) for k, n in enumerate(names))
@@ -273,10 +260,10 @@ def peak_gradient(law: Block, over: str, measured: str, unknown: Sequence[str]) 
 def _deviation(g: np.ndarray, root: np.ndarray) -> float:
     """sqrt(g I^-1 g') with I = root' root; inf where I says nothing along g."""
     scale = np.linalg.norm(root, axis=0)
+    if (g[scale == 0] != 0).any():
+        return math.inf
     if (scale == 0).any():
-        return (
-            math.inf if (g[scale == 0] != 0).any() else _deviation(g[scale > 0], root[:, scale > 0])
-        )
+        return _deviation(g[scale > 0], root[:, scale > 0])
     _, s, v = np.linalg.svd(root / scale, full_matrices=False)
     along = v @ (g / scale)
     seen = s > 1e-12 * s[0]

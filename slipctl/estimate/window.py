@@ -57,15 +57,8 @@ import casadi as ca
 from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Param, Signal, State
 from slipctl.errors import BadInput, check_whole
+from slipctl.estimate import gauss_newton as newton
 from slipctl.estimate import recall as taken_back
-from slipctl.estimate.gauss_newton import (
-    DAMPING,
-    HAND,
-    inverse,
-    iteration,
-    normal_equations,
-    solver,
-)
 from slipctl.estimate.model import Model, covariance_state, spread_param, theta_state
 from slipctl.estimate.noise_weights import echoing_sums, shift_ratios, signature, white_sums
 from slipctl.seek.random import epsilon
@@ -73,7 +66,6 @@ from slipctl.seek.random import epsilon
 BELIEF = 0.01
 """Samples that the declared noise counts for, beside those seen. Without noise s falls to
 sigma sqrt(BELIEF/count), 1 % of sigma, which keeps H within what float can invert."""
-
 
 KNOWN = ("theta", "P", "scatter", "mean", "Lambda", "count", "kept")
 """What an estimate knows."""
@@ -130,7 +122,7 @@ class Window:
     @cached_property
     def normal(self) -> ca.Function:
         """Normal equations of the samples kept."""
-        return normal_equations(self.model, self.sums)
+        return newton.normal_equations(self.model, self.sums)
 
     def tick(self, x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         """Next states and outputs with a new sample."""
@@ -155,7 +147,7 @@ class Window:
                  "predicted_then": predicted, "residual_then": e}  # fmt: skip
         first = {k: now(k, v) for k, v in given.items()}
         weights = nxt["count"] > ca.DM(range(self.window)).T
-        damping = ca.if_else(again, DAMPING, x["damping"])
+        damping = ca.if_else(again, newton.DAMPING, x["damping"])
         hand = self.fit(x["theta"], damping, weights, now, nxt | first | known)
         nxt |= self.estimate(hand, nxt["count"], first["mean_now"], known, p["farthest"])
         if self.memory > 1:
@@ -188,7 +180,7 @@ class Window:
         off, may = measurement - predicted, self.variance(told, h, p)
         t = off / (p["gate"] * ca.sqrt(may)) if self.memory > 1 else None
         counts, back = taken_back.count_sample(x, off**2 <= p["gate"] ** 2 * may, self.recall, t)
-        taken = former | {"unsettled": 0, "damping": DAMPING}
+        taken = former | {"unsettled": 0, "damping": newton.DAMPING}
         taken |= {"shifts": 0} if self.memory > 1 else {}
         return dict(x) | {k: ca.if_else(back, v, x[k]) for k, v in taken.items()}, counts, back
 
@@ -230,7 +222,7 @@ class Window:
         kept_share = p["forgetting"] * x["Lambda"]
         Lambda = kept_share + (1 - p["forgetting"]) * Lambda_0 + seen / sigma2
         pull = kept_share @ (x["mean"] - theta) + told / sigma2
-        mean = theta + solver(self.model.n)(Lambda, pull, least)
+        mean = theta + newton.solver(self.model.n)(Lambda, pull, least)
         full = x["count"] == self.window
         Lambda = ca.if_else(again, Lambda_0, ca.if_else(full, Lambda, x["Lambda"]))
         return ca.if_else(again, theta, ca.if_else(full, mean, x["mean"])), Lambda
@@ -259,12 +251,12 @@ class Window:
                 given["constants"])  # fmt: skip
         arithmetic = (given["least"], epsilon(ca.fmin(given["count"], 1)))
         first = (theta, *self.normal(theta, *data), damping)
-        state = tuple(now(k, new) for k, new in zip(HAND, first, strict=True))
-        iterate = iteration(self.normal)
+        state = tuple(now(k, new) for k, new in zip(newton.HAND, first, strict=True))
+        iterate = newton.iteration(self.normal)
         for _ in range(self.per_tick):
             state = iterate(*state, *arithmetic, *data)
         left = {"left": now("left", self.iterations) - self.per_tick} if self.several else {}
-        return dict(zip(HAND, state, strict=True)) | left
+        return dict(zip(newton.HAND, state, strict=True)) | left
 
     def estimate(self, hand: Exprs, count: Any, mean: Any, known: Exprs, far: Any) -> Exprs:
         """What the fit in hand tells: coordinates, covariance, noise, and its next damping."""
@@ -274,7 +266,7 @@ class Window:
             scatter = declared + squares / count
         else:
             scatter = (BELIEF * declared + squares) / (BELIEF + ca.fmax(0, count - model.n))
-        P = inverse(model.n)(hand["H"], known["least"])
+        P = newton.inverse(model.n)(hand["H"], known["least"])
         return {"theta": theta, "P": P, "scatter": scatter, "mean": mean,
                 "damping": hand["damping"]}  # fmt: skip
 
@@ -305,15 +297,15 @@ class Window:
         """States of the estimator."""
         model, n, unit = self.model, self.model.n, _unit(self.model)
         rows = sum(s.size for s in model.law.inputs.values()) + 1
+        seen = State(f"({unit})^2", 0.0, "noise seen: sigma^2 and mean square residual")
         found = [
             theta_state(model), covariance_state(n),
-            State(f"({unit})^2", 0.0, "noise seen: sigma^2 and mean square residual").named(
-                "scatter"),
+            seen.named("scatter"),
             State("1", model.guess, "centre of what is known besides", shape=(n,)).named("mean"),
             State("1", 0.0, "information besides the window", shape=(n, n)).named("Lambda"),
             State("1", 0.0, "samples in the window").named("count"),
             State("1", 0.0, "samples still to be replaced after a change").named("unsettled"),
-            State("1", DAMPING, "damping of the next iteration").named("damping"),
+            State("1", newton.DAMPING, "damping of the next iteration").named("damping"),
             State("1", 0.0, "samples, newest first, each in its units",
                   shape=(rows, self.window)).named("kept"),
         ]  # fmt: skip
@@ -346,12 +338,11 @@ def _unit(model: Model) -> str:
 def _numbers(model: Model) -> list[Signal]:
     """Parameters of the estimator, beside those of the law that it takes as known."""
     unit = _unit(model)
+    noise = Param(unit, 1e-3, "standard deviation of the measurement", lo=1e-12, hi=1e12)
+    told = "residual taken for a change, over its standard deviation"
     return [
-        Param(unit, 1e-3, "standard deviation of the measurement", lo=1e-12,
-              hi=1e12).named("noise"),
-        spread_param(model.n, 2.0),
-        Param("1", 5.0, "residual taken for a change, over its standard deviation", lo=1,
-              hi=1e12).named("gate"),
+        noise.named("noise"), spread_param(model.n, 2.0),
+        Param("1", 5.0, told, lo=1, hi=1e12).named("gate"),
         Param(unit, 1e12, "largest standard deviation that residuals are taken for noise with;"
               " samples that the law cannot fit would hide the next change", lo=1e-12,
               hi=1e12).named("coarsest"),
@@ -368,6 +359,7 @@ def _numbers(model: Model) -> list[Signal]:
 def _in_hand(model: Model, unit: str, recall: int) -> list[Signal]:
     """States of a fit that is worked out over several ticks."""
     n = model.n
+    mean = State("1", model.guess, "its centre of what is known besides", shape=(n,))
     return [
         State("1", 0.0, "iterations left of the fit in hand").named("left"),
         State("1", model.guess, "coordinates of the fit in hand", shape=(n,)).named("theta_now"),
@@ -375,9 +367,7 @@ def _in_hand(model: Model, unit: str, recall: int) -> list[Signal]:
         State(f"({unit})^2", 0.0, "its sum of squares").named("squares"),
         State("1", 0.0, "its Hessian", shape=(n, n)).named("H"),
         State("1", 0.0, "minus its gradient", shape=(n,)).named("r"),
-        State("1", model.guess, "its centre of what is known besides", shape=(n,)).named(
-            "mean_now"
-        ),
+        mean.named("mean_now"),
         State(f"({unit})^2", 0.0, "its variance of a sample").named("sigma2"),
         State(unit, 0.0, "its sample as it was predicted").named("predicted_then"),
         State(unit, 0.0, "its sample minus that").named("residual_then"),
@@ -419,12 +409,10 @@ def smallest_shift(
         BadInput: a number that is none or negative.
     """
     declared = 1e-3 if declared is None else declared
-    for name, value in (
-        ("noise", noise), ("declared", declared), ("gate", gate), ("echo", echo)
-    ):  # fmt: skip
+    for name, value in dict(noise=noise, declared=declared, gate=gate, echo=echo).items():
         if not 0 <= value < math.inf:
             raise BadInput(f"smallest_shift: {name} = {value:g} must be 0 or positive")
-    for name, count in (("samples", samples), ("latest", latest), ("unknown", unknown)):
+    for name, count in dict(samples=samples, latest=latest, unknown=unknown).items():
         check_whole(f"smallest_shift: {name}", count)
     seen = samples - unknown
     if seen < 2:

@@ -10,16 +10,17 @@ from typing import Any
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs, make_block
-from slipctl.block.signals import Bound, Input, Output, Param, Signal, Split, State
+from slipctl.block.signals import Bound, Input, Param, Signal, Split, State
 from slipctl.predict import description
 from slipctl.predict.options.arguments import Limit, Solver
+from slipctl.predict.options.limits import limit_params
 from slipctl.predict.options.offset import SHARE
 from slipctl.predict.options.scenarios import TOGETHER
 from slipctl.predict.qp.active_set import ActiveSet
 from slipctl.predict.qp.line_search import Search
-from slipctl.predict.qp.split_tick import Tick, split_results
+from slipctl.predict.qp.split_tick import split_results
 from slipctl.predict.qp.stage_loops import as_one_call
-from slipctl.predict.qp.status import SMALL
+from slipctl.predict.qp.status import SMALL, status_outputs
 from slipctl.predict.reference import DEVIATION, QUADRATIC, Sparse, nonlinear
 from slipctl.predict.stages.exact_hessian import Curved
 from slipctl.predict.stages.horizon import Horizon, Soft
@@ -91,10 +92,10 @@ class Controller:
             b: self.h.model.inputs[self.short[c]]
             for c, pair in self.limits.items() for b in pair if isinstance(b, str)
         }  # fmt: skip
-        signals = [*held, *(_named_limit(b, s) for b, s in limits.items())]
-        return [
-            replace(s, shape=(self.h.stages + 1,)) if s.name in self.ahead else s for s in signals
-        ]
+        signals = [*held, *(Input(s.unit, f"limit: {s.doc}", positive=s.positive).named(b)
+                            for b, s in limits.items())]  # fmt: skip
+        many = (self.h.stages + 1,)
+        return [replace(s, shape=many) if s.name in self.ahead else s for s in signals]
 
     def settings(self) -> list[Signal]:
         """Weights, bounds, rates and soft limits, as parameters."""
@@ -105,58 +106,43 @@ class Controller:
             unit = next(outputs[m] for m in parts if m in outputs).unit
             weight = Param(_per(unit), w, f"weight of {n}", "chosen", lo=1e-12, hi=1e12)
             found.append(weight.named(f"weight_{n}"))
-        for c, (lo, hi) in self.limits.items():
+        for c, pair in self.limits.items():
             s, short = self.h.model.inputs[self.short[c]], self.short[c]
-            for word, value in (("lo", lo), ("hi", hi)):
+            for word, most, value in zip(("lo", "hi"), ("smallest", "largest"), pair, strict=True):
                 if not isinstance(value, str):
-                    doc = f"{'smallest' if word == 'lo' else 'largest'} {s.doc}"
-                    found.append(
-                        Param(s.unit, value, doc, lo=-1e12, hi=1e12).named(f"{short}_{word}")
-                    )
+                    end = Param(s.unit, value, f"{most} {s.doc}", lo=-1e12, hi=1e12)
+                    found.append(end.named(f"{short}_{word}"))
         for c, r in self.rate.items():
             s = self.h.model.inputs[self.short[c]]
             unit = f"({s.unit})/s" if "/" in s.unit else f"{s.unit}/s"
             rate = Param(unit, r, f"largest rate: {s.doc}", lo=0, hi=1e12)
             found.append(rate.named(f"{self.short[c]}_rate"))
         for n, limit in self.softs.items():
-            if self._of_scenario(n) > 0:
-                continue  # they share their numbers
+            if self.h.factors and int(n.rpartition(".")[2]) > 0:
+                continue  # scenarios share their numbers
             n = self._limited(n)
             short = _short(n)
-            unit = self._signal(n).unit
-            kind = "hard" if limit.hard else "soft"
-            found += [
-                Param(unit, value, f"{kind} limit {side}", lo=-1e12, hi=1e12).named(
-                    f"{short}_{end}"
-                )
-                for end, side, value in (("min", "below", limit.lo), ("max", "above", limit.hi))
-            ]
-            for word, value in (("weight", limit.weight), ("linear", limit.linear)):
+            unit = (self.h.model.outputs | self.h.model.states)[n].unit
+            found += limit_params(unit, short, limit)
+            for word, value, doc in (
+                ("weight", limit.weight, "weight beyond"),
+                ("linear", limit.linear, "weight of the excess itself"),
+            ):
                 if value > 0 and not limit.hard:
-                    doc = "weight beyond" if word == "weight" else "weight of the excess itself"
-                    found.append(
-                        Param(_per(unit), value, doc, lo=1e-12, hi=1e12).named(f"{short}_{word}")
-                    )
+                    weight = Param(_per(unit), value, doc, lo=1e-12, hi=1e12)
+                    found.append(weight.named(f"{short}_{word}"))
         if self.h.damped:
             doc = "curvature added for steps of controls"
-            found.append(
-                Param("1", self.damping, doc, "chosen", lo=1e-12, hi=1e12).named("damping")
-            )
+            damping = Param("1", self.damping, doc, "chosen", lo=1e-12, hi=1e12)
+            found.append(damping.named("damping"))
         if self.unknown:
             doc = "part of what a tick missed that is learnt from it"
             found.append(Param("1", SHARE, doc, "chosen", lo=1e-6, hi=1).named("offset_share"))
         return found
 
-    def _signal(self, name: str) -> Signal:
-        model = self.h.model
-        return (model.outputs | model.states)[name]
-
     def _limited(self, name: str) -> str:
         """Name of the limited signal without its scenario."""
         return name.rpartition(".")[0] if self.h.factors else name
-
-    def _of_scenario(self, name: str) -> int:
-        return int(name.rpartition(".")[2]) if self.h.factors else 0
 
     def _command(self, c: str) -> Signal:
         """Control as an output, in the range of the bounds that are parameters."""
@@ -178,15 +164,17 @@ class Controller:
         """The controller as a step block; ``told``: plant, cost and laws; ``over``: a stage."""
         plant, cost = told[:2]
         model, N = self.h.model, self.h.stages
+        nx, nu = self.h.nx, self.h.nu
         states = [
-            State("1", 0.0, "predicted states, stage by stage", shape=(self.h.nx * (N + 1),)
-                  ).named("X"),
-            State("1", 0.0, "planned controls, scaled", shape=(self.h.nu * N,)).named("U"),
-            State("1", 0.0, "statuses of controls and soft limits", shape=(self.qp.statuses,)
-                  ).named("S"),
-            State("1", 0.0, "control applied last, scaled", shape=(self.h.nu,)).named("applied"),
-            State("1", 0.0, "whether there is a plan").named("planned"),
-        ]  # fmt: skip
+            State("1", 0.0, doc, shape=shape).named(n)
+            for n, doc, shape in (
+                ("X", "predicted states, stage by stage", (nx * (N + 1),)),
+                ("U", "planned controls, scaled", (nu * N,)),
+                ("S", "statuses of controls and soft limits", (self.qp.statuses,)),
+                ("applied", "control applied last, scaled", (nu,)),
+                ("planned", "whether there is a plan", ()),
+            )
+        ]
         if self.split:
             sizes = zip(AHEAD, (self.layout.size * N, self.last.size), strict=True)
             states += [
@@ -199,28 +187,17 @@ class Controller:
             ]
         if self.h.unknown:
             values, many = list(self.h.unknown.values), (len(self.unknown),)
+            gain = State("1", 0.0, "gain of the estimate", shape=(many[0] * nx,))
             states += [
                 State("1", values, "what is not known, estimated", shape=many).named("unknown"),
-                State("1", 0.0, "state expected at the next tick", shape=(self.h.nx,)
-                      ).named("expected"),
-                State("1", 0.0, "gain of the estimate", shape=(many[0] * self.h.nx,)
-                      ).named("gain"),
-            ]  # fmt: skip
+                State("1", 0.0, "state expected at the next tick", shape=(nx,)).named("expected"),
+                gain.named("gain"),
+            ]
         if self.solver != "riccati":
             text = f"NaN where the answer of {self.solver} leaves the conditions of optimality"
             states.insert(0, State("1", 0.0, text).named(f"answer_of_{self.solver}"))
         outputs = [self._command(c) for c in self.short]
-        outputs += [
-            Output("1", ", ".join(f"{k} {v}" for k, v in STATUS.items()), lo=0, hi=3).named(
-                "status"
-            ),
-            Output("1", "passes of the active set and steps inside it", lo=0, hi=1e6).named(
-                "passes"
-            ),
-            Output("1", "what is left of the conditions of optimality", lo=0, hi=1e30).named(
-                "residual"
-            ),
-        ]
+        outputs += status_outputs(STATUS)
         outputs += [
             self.h.model.inputs[n].as_role("output", value=None).named(f"estimated_{n}")
             for n in self.unknown
@@ -326,8 +303,8 @@ class Controller:
             return self._learnt(xs, nxt, out, *learn)
         only, kept = xs[PREPARE] > 0, tuple(xs[n] for n in AHEAD)
         still = (xs["applied"], xs["planned"], xs["applied"] * self.scale, *[ca.MX(0)] * 3)
-        tick = Tick(only, xs["prepared"], plan, kept, given, measured, still)
-        rest, ahead = split_results(self._prepare, self._feedback, tick)
+        parts = (plan, kept, given, measured, still)
+        rest, ahead = split_results(self._prepare, self._feedback, only, xs["prepared"], *parts)
         nxt, out = self._learnt(xs, *self._named(*rest), *learn)
         nxt |= {n: ca.if_else(only, xs[n], nxt[n]) for n in LEARNT if self.unknown}
         ready = ca.logic_and(only, xs["planned"] > 0)
@@ -487,10 +464,6 @@ class Controller:
 
 def _per(unit: str) -> str:
     return "1" if unit == "1" else f"1/({unit})"
-
-
-def _named_limit(name: str, s: Signal) -> Signal:
-    return Input(s.unit, f"limit: {s.doc}", positive=s.positive).named(name)
 
 
 def _short(name: str) -> str:

@@ -57,19 +57,16 @@ def controller(
         ends = [b if isinstance(b, str) else f"{name}_{e}" for b, e in ((lo, "lo"), (hi, "hi"))]
         rows.append(("", f"{ends[0]} <= {name}[k] <= {ends[1]}"))
     change = " (s[k-1] + s[k])/2" if problem.lengths else ""
-    rows += [
-        ("", f"|{named[c]}[k] - {named[c]}[k-1]| <= {named[c]}_rate {h:g} s{change}") for c in rates
-    ]
+    for n in (named[c] for c in rates):
+        rows.append(("", f"|{n}[k] - {n}[k-1]| <= {n}_rate {h:g} s{change}"))
     rows += [("", _hard(n, N)) for n, s in limits if s.hard]
     unknown = problem.unknown.names if problem.unknown else ()
     if problem.factors:
-        each = [
-            ", ".join(f"{v:g} {n}" for n, v in f.items()) or "as it is" for f in problem.factors
-        ]
+        of = [", ".join(f"{v:g} {n}" for n, v in f.items()) or "as it is" for f in problem.factors]
         plan = "one plan"
         if problem.shared:
             plan = f"one plan for {problem.shared} of the stages, then one for each"
-        rows.append(("for each", f"{'; '.join(each)}: {plan}, the mean of their costs"))
+        rows.append(("for each", f"{'; '.join(of)}: {plan}, the mean of their costs"))
     held = [n for n in problem.held if n not in (STRETCH, TOGETHER, *ahead, *unknown)]
     rows += [("held", ", ".join(held))] if held else []
     if ahead:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -10,12 +9,12 @@ import casadi as ca
 
 from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
 from slipctl.block.signals import Input, Output, Param, Signal, State
-from slipctl.errors import BadInput, check_known, check_number, check_positive, check_whole, nearest
+from slipctl.errors import BadInput, check_known, check_positive, check_whole, nearest
 from slipctl.estimate.kalman.model import Numbers, Problem, by_name, start_value, unit_squared
 from slipctl.predict import description
-from slipctl.predict.options.limits import FAR, entries_of
+from slipctl.predict.options.limits import ends_of, entries_of, firm, limit_params
 from slipctl.predict.qp.stage_loops import as_one_call
-from slipctl.predict.qp.status import SMALL
+from slipctl.predict.qp.status import SMALL, status_outputs
 from slipctl.predict.stages.horizon import Soft
 from slipctl.predict.window import TINY, Window
 
@@ -163,19 +162,11 @@ def _limits(
         soft = isinstance(entries, (tuple, list)) and len(entries) == 3
         form = "(lo, hi, weight)" if soft else "(lo, hi)"
         lo, hi, *rest = entries_of(f"{who}: limits of {n}", entries, form)
-        s = known[full]
-        low, high = s.lo if lo is None else lo, s.hi if hi is None else hi
-        for b in (low, high):
-            check_number(f"{who}: limits of {n}: an end", b, s.unit)
-        if not low < high:
-            raise BadInput(f"{who}: {n} from {low:g} to {high:g} {s.unit} leaves nothing")
-        if math.isinf(low) and math.isinf(high):
-            raise BadInput(f"{who}: {n} has no range; give limits={{{n!r}: (lo, hi)}}")
-        if soft:
-            check_positive(f"{who}: weight of {n}", rest[0])
-        size = max((abs(b) for b in (low, high) if abs(b) < FAR), default=1.0) or 1.0
-        weight = float(rest[0]) if soft else 1 / size
-        found[full] = Soft(max(low, -FAR), min(high, FAR), weight, hard=not soft)
+        advice = f"give limits={{{n!r}: (lo, hi)}}"
+        ends = ends_of(who, "limits", n, known[full], (lo, hi), advice)
+        for weight in rest:
+            check_positive(f"{who}: weight of {n}", weight)
+        found[full] = Soft(*ends, float(rest[0])) if soft else firm(*ends)
     return found
 
 
@@ -200,34 +191,25 @@ class _Estimator:
         for s in problem.unknown:
             u, n, short = unit_squared(s.unit), s.name, _short(s.name)
             first = self.numbers["start"].get(n, float(start_value(problem.block, s)))
-            found += [
-                Param(u, self.numbers["prior"][n], f"variance of {n} at the start", lo=TINY,
-                      hi=1e30).named(f"prior_{short}"),
-                Param(f"{u}/s", self.numbers["drift"][n], f"drift of {n}", lo=0, hi=1e30).named(
-                    f"drift_{short}"),
-                Param(s.unit, first, f"first estimate of {n}", lo=-1e12, hi=1e12).named(
-                    f"start_{short}"),
-            ]  # fmt: skip
+            prior, drift = (self.numbers[word][n] for word in ("prior", "drift"))
+            variance = Param(u, prior, f"variance of {n} at the start", lo=TINY, hi=1e30)
+            walk = Param(f"{u}/s", drift, f"drift of {n}", lo=0, hi=1e30)
+            begin = Param(s.unit, first, f"first estimate of {n}", lo=-1e12, hi=1e12)
+            found += [variance.named(f"prior_{short}"), walk.named(f"drift_{short}")]
+            found.append(begin.named(f"start_{short}"))
         for s in problem.measured:
-            u = unit_squared(s.unit)
-            found.append(
-                Param(u, self.numbers["noise"][s.name], f"variance of measured {s.name}", lo=TINY,
-                      hi=1e30).named(f"noise_{_short(s.name)}")
-            )  # fmt: skip
+            u, noise = unit_squared(s.unit), self.numbers["noise"][s.name]
+            variance = Param(u, noise, f"variance of measured {s.name}", lo=TINY, hi=1e30)
+            found.append(variance.named(f"noise_{_short(s.name)}"))
         known = {s.name: s for s in problem.unknown} | dict(problem.block.outputs)
         for n, limit in self.w.limits.items():
-            kind = "hard" if limit.hard else "soft"
-            found += [
-                Param(known[n].unit, value, f"{kind} limit {side}", lo=-1e12, hi=1e12).named(
-                    f"{_short(n)}_{end}")
-                for end, side, value in (("min", "below", limit.lo), ("max", "above", limit.hi))
-            ]  # fmt: skip
+            found += limit_params(known[n].unit, _short(n), limit)
         return [*found, *problem.params]
 
     def block(self, name: str) -> Block:
         """The estimator as a step block."""
         w, problem = self.w, self.w.problem
-        M, n, ny, nk = w.samples, w.nx, w.ny, len(problem.known)
+        M, n, ny, nk = w.stages, w.nx, w.ny, len(problem.known)
         sizes = {
             "Y": (2 * ny * M, "measurements of the window, and whether they are there"),
             "K": (nk * M, "what else was known"), "live": (M, "whether a sample has come"),
@@ -237,11 +219,6 @@ class _Estimator:
             "P": (n * (n + 1) // 2, "its covariance"),
         }  # fmt: skip
         states = [State("1", 0.0, doc, shape=(k,)).named(s) for s, (k, doc) in sizes.items() if k]
-        measured = [
-            s.as_role("input", value=None, doc=f"measured {s.doc or s.name}", lo=-math.inf,
-                      hi=math.inf)
-            for s in problem.measured
-        ]  # fmt: skip
         there = [
             Input("1", f"1, or 0 where the sample of {s.name} is missing", value=1.0, lo=0,
                   hi=1).named(f"seen_{_short(s.name)}")
@@ -253,22 +230,13 @@ class _Estimator:
             for n in self.late
         ]  # fmt: skip
         outputs = [
-            s.as_role("output", value=None, doc=f"estimate: {s.doc or s.name}", lo=-math.inf,
-                      hi=math.inf)
-            for s in problem.unknown
-        ]  # fmt: skip
-        outputs += [
+            *problem.estimates(),
             Output("1", "sum of squares over the number of samples", lo=0, hi=1e30).named("misfit"),
-            Output("1", ", ".join(f"{k} {v}" for k, v in STATUS.items()), lo=0, hi=3).named(
-                "status"),
-            Output("1", "passes of the active set and steps inside it", lo=0, hi=1e6).named(
-                "passes"),
-            Output("1", "what is left of the conditions of optimality", lo=0, hi=1e30).named(
-                "residual"),
-        ]  # fmt: skip
+            *status_outputs(STATUS),
+        ]
         return make_block(
             name, "step", as_one_call("estimate", self._body), states=states,
-            inputs=[*measured, *there, *problem.known],
+            inputs=[*problem.samples(), *there, *problem.known],
             params=self.params(), outputs=outputs, period=w.period, sx=False, doc=doc_of_maker(mhe),
             choices={
                 "flow": problem.block.name, "samples": M, "iterations": self.iterations,
@@ -284,7 +252,7 @@ class _Estimator:
         return description.estimator(
             f"{problem.block.name} over {w.period:g} s",
             [s.name for s in problem.unknown], [s.name for s in problem.measured], w.limits,
-            w.samples,
+            w.stages,
             description.solver("riccati", self.iterations, self.qp.passes, self.qp.rescue),
         )  # fmt: skip
 
@@ -299,7 +267,7 @@ class _Estimator:
 
     def _body(self, xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         w, problem = self.w, self.w.problem
-        M, n, ny, nk = w.samples, w.nx, w.ny, len(problem.known)
+        M, n, ny, nk = w.stages, w.nx, w.ny, len(problem.known)
         params, s = self.shared(p)
         names = [_short(m.name) for m in problem.measured]
         seen = [u[f"seen_{k}"] > 0.5 for k in names]
@@ -368,7 +336,7 @@ class _Estimator:
 
     def _placed(self, Y: Any, live: Any, y: list[Any], seen: list[Any], u: Exprs) -> Any:
         """Samples of the window, with those that may come late at the tick when they were taken."""
-        M, ny = self.w.samples, self.w.ny
+        M, ny = self.w.stages, self.w.ny
         rows = ca.vertsplit(ca.reshape(Y, 2 * ny, M))
         ages = ca.DM(range(M - 1, -1, -1)).T
         for i, m in enumerate(self.w.problem.measured):

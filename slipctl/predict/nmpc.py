@@ -9,20 +9,8 @@ from typing import Any
 from slipctl.block.block import Block, as_block, doc_of_maker
 from slipctl.errors import BadInput, check_whole, split_options
 from slipctl.predict.controller import Controller
-from slipctl.predict.options.arguments import (  # fmt: skip
-    Limit,
-    Limits,
-    Problem,
-    Solver,
-    bounds_of,
-    by_name,
-    check_numbers,
-    preview_names,
-    rates_of,
-    scale_of,
-    tied_of,
-    weights_of,
-)
+from slipctl.predict.options import arguments
+from slipctl.predict.options.arguments import Limit, Limits, Problem, Solver, by_name
 from slipctl.predict.options.limits import Soft, limits_of
 from slipctl.predict.options.offset import with_constant_rates, with_unknown
 from slipctl.predict.options.scenarios import TOGETHER, Factors, factors_of
@@ -79,20 +67,20 @@ def nmpc(
     as_block(f"{where}: the cost", cost)
     wish, limits, solver = split_options(where, options, Problem, Limits, Solver)
     controls = [control] if isinstance(control, str) else list(control)
-    check_numbers(where, h, horizon, solver)
+    arguments.check_numbers(where, h, horizon, solver)
     if not controls:
         raise BadInput(f"{where}: give control=, one or more of {', '.join(plant.inputs)}")
     full = {c: plant.find(c, "input") for c in controls}
-    ends = bounds_of(where, plant, full, by_name(where, "bounds", limits.bounds))
-    rate = rates_of(where, controls, by_name(where, "rates", limits.rates))
+    ends = arguments.bounds_of(where, plant, full, by_name(where, "bounds", limits.bounds))
+    rate = arguments.rates_of(where, controls, by_name(where, "rates", limits.rates))
     laws = _laws(where, wish)
     softs = limits_of(
         where, plant, laws, by_name(where, "soft", limits.soft), by_name(where, "hard", limits.hard)
     )
     _check_firm(where, softs.values(), solver)
-    tied = tied_of(where, horizon, wish.moves)
+    tied = arguments.tied_of(where, horizon, wish.moves)
     weighed = [cost, *(b for b in (wish.own_end, wish.economic) if b is not None)]
-    weigh = weights_of(where, weighed, by_name(where, "weights", wish.weights))
+    weigh = arguments.weights_of(where, weighed, by_name(where, "weights", wish.weights))
     driven, unknown = plant, None
     if wish.offset_free != ():
         plant, unknown = with_constant_rates(where, plant, wish.offset_free, list(full.values()))
@@ -100,10 +88,10 @@ def nmpc(
     if factors:
         softs = {f"{n}.{i}": s for n, s in softs.items() for i in range(len(factors))}
     long = lengths(where, wish.grow, int(horizon))
+    scale = {c: arguments.scale_of(*ends[c]) for c in controls}
     problem = Horizon.of(
         with_time_scale(plant) if long else plant, cost, controls, wish.end_names, softs, horizon,
-        h, wish.method, wish.substeps, {c: scale_of(*ends[c]) for c in controls}, laws, long,
-        factors, wish.shared or 0,
+        h, wish.method, wish.substeps, scale, laws, long, factors, wish.shared or 0,
     )  # fmt: skip
     problem = replace(problem, damped=solver.damping != 0, exact=solver.hessian == "exact")
     problem = _with_end(where, problem, wish, weigh, unknown)
@@ -178,7 +166,7 @@ def _ahead(
     own = (STRETCH, TOGETHER, *(problem.unknown.names if problem.unknown else ()))
     held = [n for n in problem.held if n not in own]
     named = [b for pair in ends.values() for b in pair]
-    ahead = preview_names(where, wish.preview, [*held, *named])
+    ahead = arguments.preview_names(where, wish.preview, [*held, *named])
     if wish.moves is not None and any(b in ahead for b in named):
         raise BadInput(f"{where}: moves= holds controls over stages; preview no bound with it")
     return ahead

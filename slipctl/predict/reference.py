@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import accumulate
 from typing import Any
 
 import casadi as ca
@@ -27,12 +28,7 @@ STEADY: dict[str, Any] = OSQP | {"osqp": OSQP["osqp"] | {"alpha": 1.0}}
 DEVIATION = 1e-6
 """Residual of the conditions of optimality at which an answer is refused."""
 
-QRQP: dict[str, Any] = {
-    "print_iter": False,
-    "print_header": False,
-    "print_info": False,
-    "error_on_fail": False,
-}
+QRQP = dict.fromkeys(("print_iter", "print_header", "print_info", "error_on_fail"), False)
 QUADRATIC = {"osqp": (OSQP, STEADY), "qrqp": (QRQP,)}
 """Solvers of one quadratic program per iteration, with options to be tried in turn."""
 
@@ -137,7 +133,7 @@ class Sparse(ActiveSet):
         for k in range(N):
             stage = self._unpack(D[:, k])
             z = [*x[k], *v[k]]
-            H[z, z] = stage.H + _regular(nx, nu)
+            H[z, z] = stage.H + ca.diag(ca.vertcat(ca.SX(nx, 1), ca.SX.ones(nu) * LEAST))
             g[z] = stage.g
             A = _at(n, x[k + 1], -ca.SX.eye(nx)) + _at(n, z, ca.horzcat(stage.A, stage.B))
             rows.append((A, -stage.b, -stage.b))
@@ -191,10 +187,6 @@ def _excess(nc: int, kept: list[int]) -> Any:
     return -ca.diag(ca.SX([0.0 if i in kept else 1.0 for i in range(nc)]))
 
 
-def _regular(nx: int, nu: int) -> Any:
-    return ca.diag(ca.vertcat(ca.SX(nx, 1), ca.SX.ones(nu) * LEAST))
-
-
 def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates: bool) -> Any:
     """Function (x0, d, d last, q, before, bounds, guess X, guess V) -> (X, V, residual).
 
@@ -218,9 +210,8 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
     program, f, still = Program(), ca.MX(0), ca.MX.zeros(nx)
     for k in range(N):
         program.vary(X[k], guess_x[nx * k : nx * (k + 1)], -unlimited, unlimited)
-        program.vary(
-            V[k], guess_v[nu * k : nu * (k + 1)], bounds[:nu, k], bounds[nu : 2 * nu, k]
-        )  # fmt: skip
+        ends = bounds[:nu, k], bounds[nu : 2 * nu, k]
+        program.vary(V[k], guess_v[nu * k : nu * (k + 1)], *ends)
         f += cost(X[k], V[k], d[:, k], q)
         after = step(X[k], V[k] * scale, d[:, k], q[: problem.np_])[0]
         program.keep(X[k + 1] - after, -still, still, equation=True)
@@ -248,7 +239,7 @@ def nonlinear(where: str, problem: Horizon, solver: str, tied: list[bool], rates
         [ca.gradient(f, variables), ca.jtimes(rows, variables, lam, True), rows],
     )  # fmt: skip
     done = nlp(p=every, **given)
-    pieces = ca.vertsplit(done["x"], [*_edges(nx, nu, N)])
+    pieces = ca.vertsplit(done["x"], [0, *accumulate([*[nx, nu] * N, nx])])
     down, back, held = slopes(done["x"], every, done["lam_g"])
     left = remains(
         down + back + done["lam_x"], down, ca.vertcat(held, done["x"]),
@@ -286,10 +277,3 @@ def remains(slope: Any, gradient: Any, held: Any, lo: Any, hi: Any, multipliers:
     steep = ca.mmax(ca.fabs(slope)) / size
     idle = ca.mmax(ca.vertcat(above, below)) / size
     return ca.fmax(ca.fmax(steep, idle), ca.mmax(ca.vertcat(held - hi, lo - held, 0)))
-
-
-def _edges(nx: int, nu: int, N: int) -> list[int]:
-    edges = [0]
-    for _ in range(N):
-        edges += [edges[-1] + nx, edges[-1] + nx + nu]
-    return [*edges, edges[-1] + nx]

@@ -204,9 +204,8 @@ def _places(block: Block, role: str) -> dict[str, int]:
 
 def _marks(block: Block) -> np.ndarray:
     """Places of the statuses of predictive controllers among the states."""
-    paths = [
-        f"{path}.S".lstrip(".") for path, b in block.leaves() if b.composition.solves is not None
-    ]
+    solvers = [path for path, b in block.leaves() if b.composition.solves is not None]
+    paths = [f"{path}.S".lstrip(".") for path in solvers]
     places = [n in paths for n, s in block.states.items() for _ in range(s.size)]
     return np.flatnonzero(places)
 

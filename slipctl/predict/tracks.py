@@ -31,10 +31,3 @@ def log_signal(log: xarray.Dataset, name: str, otherwise: np.ndarray) -> np.ndar
 def rows_at(places: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Columns of values over places, at the wanted ones, linear between."""
     return np.column_stack([np.interp(wanted, places, column) for column in values.T])
-
-
-def resample_columns(
-    times: np.ndarray, values: np.ndarray, first: float, last: float, s: np.ndarray
-) -> np.ndarray:
-    """Columns of values over times, at shares s of the way from ``first`` to ``last``."""
-    return rows_at(times, values, first + (last - first) * s)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import casadi as ca
@@ -20,7 +21,7 @@ from slipctl.block.transforms.discretisation import sampled
 from slipctl.errors import BadInput, RunFailed
 from slipctl.predict.program import Program
 from slipctl.predict.stages.horizon import expressions
-from slipctl.predict.tracks import elements, log_signal, resample_columns, rows_at
+from slipctl.predict.tracks import elements, log_signal, rows_at
 from slipctl.run.build import column
 from slipctl.run.rail import Scenario
 from slipctl.run.scenario_inputs import loop_at_start, rail_values
@@ -174,6 +175,7 @@ class _Problem:
             raise BadInput(f"{where}: least time needs an end=, the states to be reached")
         self.x0 = column(plant.pack("state", plant.start()))
         self.states = elements(plant, "state")
+        self.driven = [elements(plant, "input").index(c) for c in self.controls]
         self.phases = self._phases()
         self.scale = np.maximum(np.abs(self.x0), 1.0)
         self.f = expressions(where, plant)
@@ -261,33 +263,28 @@ class _Problem:
                 last = min(last, times[arrived[0]]) if arrived.size else last
             edges[-1] = max(min(edges[-1], last), edges[-2] + 1e-3)
             durations = list(np.diff(edges))
-            x = np.column_stack(
-                [log_signal(log, n, np.full(times.size, v)) for n, v in
-                 zip(self.states, self.x0, strict=True)]
+            x, u = (
+                np.column_stack([log_signal(log, n, np.full(times.size, v)) for n, v in pairs])
+                for pairs in (zip(self.states, self.x0, strict=True),
+                              zip(self.controls, middle, strict=True))
             )  # fmt: skip
-            u = np.column_stack(
-                [log_signal(log, n, np.full(times.size, m)) for n, m in
-                 zip(self.controls, middle, strict=True)]
-            )  # fmt: skip
-        return {
-            "durations": durations,
-            "x": [lambda s, k=k: resample_columns(times, x, edges[k], edges[k + 1], s) for k in
-                  range(len(self.phases))],
-            "u": [lambda s, k=k: resample_columns(times, u, edges[k], edges[k + 1], s) for k in
-                  range(len(self.phases))],
-        }  # fmt: skip
+
+        def by_phase(values: np.ndarray) -> list[Any]:
+            return [lambda s, a=a, b=b: rows_at(times, values, a + (b - a) * s)
+                    for a, b in pairwise(edges)]  # fmt: skip
+
+        return {"durations": durations, "x": by_phase(x), "u": by_phase(u)}
 
     def _coasting(self, edges: np.ndarray, control: np.ndarray, rows: int) -> np.ndarray:
         """States with the controls at rest, by an implicit method."""
         h = float(edges[-1]) / (rows - 1)
         step = sampled(self.plant, h, "implicit_euler", check=False).f
         x, found = self.x0, [self.x0]
-        order = elements(self.plant, "input")
         for k in range(rows - 1):
             phase = self.phases[min(int(np.searchsorted(edges[1:-1], k * h, "right")),
                                     len(self.phases) - 1)]  # fmt: skip
             u = phase.u.copy()
-            u[[order.index(c) for c in self.controls]] = control
+            u[self.driven] = control
             x = column(step(x, u, phase.p)[0])
             found.append(x)
         return np.array(found)
@@ -433,8 +430,7 @@ class _Problem:
         for k, phase in enumerate(self.phases):
             x, u = solution["x"][k](mesh), solution["u"][k](mesh)
             inputs = np.tile(phase.u, (mesh.size, 1))
-            order = elements(self.plant, "input")
-            inputs[:, [order.index(c) for c in self.controls]] = u
+            inputs[:, self.driven] = u
             y = self.f.map(mesh.size)(x.T, inputs.T, np.tile(phase.p, (mesh.size, 1)).T)[1]
             times.append(began + mesh * solution["durations"][k])
             xs.append(x)

@@ -132,9 +132,8 @@ def feasibility(
         before: dict[str, float] | None = None
         for k in range(ticks):
             if k % 10 == 0 and k:
-                given |= {
-                    n: float(rng.uniform(*r)) for n, r in ranges.items() if n not in plant.states
-                }
+                drawn = {n: r for n, r in ranges.items() if n not in plant.states}
+                given |= {n: float(rng.uniform(*r)) for n, r in drawn.items()}
             y = tick(*(given[n] for n in controller.inputs))
             out = dict(zip(controller.outputs, y, strict=True))
             settled += out["status"] == 0
@@ -165,12 +164,10 @@ def _excess(
     values = {n: s.value for n, s in controller.params.items()}
     found = (0.0, "")
     for n in names:
-        gaps = []
-        if f"{n}_lo" in values:
-            gaps.append(values[f"{n}_lo"] - out[n])
-        if f"{n}_hi" in values:
-            gaps.append(out[n] - values[f"{n}_hi"])
-        if f"{n}_rate" in values and before is not None:
-            gaps.append(abs(out[n] - before[n]) - values[f"{n}_rate"] * h)
+        moved = abs(out[n] - before[n]) if before is not None else 0.0
+        gaps = [
+            values.get(f"{n}_lo", -np.inf) - out[n], out[n] - values.get(f"{n}_hi", np.inf),
+            moved - values.get(f"{n}_rate", np.inf) * h,
+        ]  # fmt: skip
         found = max([found, *((float(g), n) for g in gaps)])
     return found

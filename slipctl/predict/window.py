@@ -38,14 +38,14 @@ class Window:
 
     Attributes:
         problem: unknowns and measurements.
-        samples: M.
+        stages: M, one for each sample.
         period: from sample to sample in s.
         substeps: steps of Runge and Kutta in a period.
         limits: of unknowns and outputs, by name.
     """
 
     problem: Problem
-    samples: int
+    stages: int
     period: float
     substeps: int
     limits: Mapping[str, Soft]
@@ -55,10 +55,8 @@ class Window:
         """Number of unknowns."""
         return self.problem.n
 
-    @property
-    def nu(self) -> int:
-        """Number of noises of a stage."""
-        return self.problem.n
+    nu = nx
+    """As many noises of a stage."""
 
     @property
     def nc(self) -> int:
@@ -66,20 +64,13 @@ class Window:
         return 2 * len(self.limits)
 
     @property
-    def stages(self) -> int:
-        """Number of stages."""
-        return self.samples
-
-    @property
     def hard(self) -> tuple[int, ...]:
         """Rows that are hard."""
         limits = enumerate(self.limits.values())
         return tuple(2 * k + i for k, s in limits if s.hard for i in (0, 1))
 
-    @property
-    def capped(self) -> tuple[int, ...]:
-        """Rows with a largest multiplier: the hard ones."""
-        return self.hard
+    capped = hard
+    """Rows with a largest multiplier."""
 
     @property
     def square(self) -> tuple[bool, ...]:
@@ -266,7 +257,7 @@ class Window:
 
     def solve(self, qp: ActiveSet, D: Any, E: Any, S: Any) -> Found:
         """Solve the window around a guess without noise."""
-        n, M = self.nx, self.samples
+        n, M = self.nx, self.stages
         free = ca.MX(ca.DM([-FREE] * n + [FREE] * 2 * n))
         zero = ca.MX.zeros
         return qp.solve(D, E, S, zero(n * M), zero(n), ca.repmat(free, 1, M), zero(n))
@@ -278,10 +269,7 @@ TINY = 1e-30
 
 def symmetric(lower: Any, n: int) -> Any:
     """Matrix from its lower triangle, row by row."""
-    at = {(i, j): i * (i + 1) // 2 + j for i in range(n) for j in range(i + 1)}
-    return ca.vertcat(
-        *[ca.horzcat(*[lower[at[max(i, j), min(i, j)]] for j in range(n)]) for i in range(n)]
-    )
+    return ca.triu2symm(ca.SX(ca.Sparsity.upper(n), lower))
 
 
 def triangle(P: Any) -> Any:

@@ -233,18 +233,11 @@ def _content(f: ca.Function) -> str:
 
 def _key(content: str, cc: str, flags: Sequence[str]) -> str:
     """Hash of everything that makes a library what it is."""
-    key = hashlib.sha256()
-    for part in (
-        content,
-        ca.CasadiMeta.version(),
-        _compiler_version(cc),
-        platform.machine(),
-        " ".join(flags),
-        _hastened(_DENSE + _DENSE_LOOP + _SPARSE_LOOP) + _ROLL,
-        "sealed",
-    ):
-        key.update(part.encode())
-    return key.hexdigest()[:32]
+    parts = (
+        content, ca.CasadiMeta.version(), _compiler_version(cc), platform.machine(),
+        " ".join(flags), _hastened(_DENSE + _DENSE_LOOP + _SPARSE_LOOP) + _ROLL, "sealed",
+    )  # fmt: skip
+    return hashlib.sha256("".join(parts).encode()).hexdigest()[:32]
 
 
 def _seal(library: Path) -> Path:
@@ -322,13 +315,9 @@ def _hastened(text: str) -> str:
 
 
 def roll_interpreted(
-    f: ca.Function,
-    x: np.ndarray,
-    u: np.ndarray,
-    p: np.ndarray,
-    x_log: np.ndarray,
+    f: ca.Function, x: np.ndarray, u: np.ndarray, p: np.ndarray, x_log: np.ndarray,
     y_log: np.ndarray,
-) -> int:
+) -> int:  # fmt: skip
     """Do what :meth:`Roller.roll` does, in CasADi's virtual machine."""
     now, following = np.array(x, dtype=float).ravel(), np.empty(f.size1_out(0))
     fed, output = np.empty(f.size1_in(1)), np.empty(f.size1_out(1))

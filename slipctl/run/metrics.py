@@ -9,6 +9,7 @@ mark and beside clean rail in ``brake_metrics``.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -159,19 +160,18 @@ def _jerk_rms(run: Run) -> Metric | None:
     return Metric(rms(jerk[keep]), "m/s3") if keep.any() else None
 
 
-@_metric("number of times that the error leaves its funnel", "low")
-def _funnel_exits(run: Run) -> Metric | None:
-    count = run.exits(run.signals.funnel)
+def _exits(bounds: str, run: Run) -> Metric | None:
+    count = run.exits(getattr(run.signals, bounds))
     return None if count is None else Metric(count, "1")
 
 
-@_metric("number of times that the error leaves its barrier", "low")
-def _barrier_exits(run: Run) -> Metric | None:
-    count = run.exits(run.signals.barrier)
-    return None if count is None else Metric(count, "1")
+for bounds in ("funnel", "barrier"):
+    METRICS[f"{bounds}_exits"] = Definition(
+        partial(_exits, bounds), f"number of times that the error leaves its {bounds}", "low"
+    )
 
 
-def _off(run: Run, role: str, unit: str, of: Callable[[np.ndarray], float]) -> Metric | None:
+def _off(role: str, unit: str, of: Callable[[np.ndarray], float], run: Run) -> Metric | None:
     """A number of how far the signal of a role is from the one that it shall follow."""
     a, b = run.get(role), run.get(f"wanted_{role}")
     return None if a is None or b is None else Metric(of(a - b), unit)
@@ -181,24 +181,11 @@ def _largest(error: np.ndarray) -> float:
     return float(np.abs(error).max())
 
 
-@_metric("speed minus wanted speed", "low")
-def _speed_error_rms(run: Run) -> Metric | None:
-    return _off(run, "speed", "m/s", rms)
-
-
-@_metric("largest absolute value", "low")
-def _speed_error_max(run: Run) -> Metric | None:
-    return _off(run, "speed", "m/s", _largest)
-
-
-@_metric("position minus wanted position", "low")
-def _position_error_rms(run: Run) -> Metric | None:
-    return _off(run, "position", "m", rms)
-
-
-@_metric("largest absolute value", "low")
-def _position_error_max(run: Run) -> Metric | None:
-    return _off(run, "position", "m", _largest)
+for role, unit in (("speed", "m/s"), ("position", "m")):
+    for word, of, meaning in (
+        ("rms", rms, f"{role} minus wanted {role}"), ("max", _largest, "largest absolute value"),
+    ):  # fmt: skip
+        METRICS[f"{role}_error_{word}"] = Definition(partial(_off, role, unit, of), meaning, "low")
 
 
 @_metric("rim slower than 5 % of a vehicle faster than 1 m/s", "low")

@@ -107,9 +107,8 @@ def template(
         n not in ruled for full in meant.values() for n in full
     ):
         return None
-    old, new = (
-        {s.name: s for s in (*b.params.values(), *b.states.values())} for b in (before, after)
-    )
+    old, new = ({s.name: s for s in (*b.params.values(), *b.states.values())}
+                for b in (before, after))  # fmt: skip
     for n, s in new.items():
         if n in slots:
             explained = not s.derived and _same(s, tried[slots[n]])

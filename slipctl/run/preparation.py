@@ -12,7 +12,7 @@ import numpy as np
 
 from slipctl.block.block import Block, as_block
 from slipctl.block.signals import total_size
-from slipctl.errors import BadInput, RunFailed, check_whole, nearest
+from slipctl.errors import BadInput, RunFailed, check_known, check_whole
 from slipctl.run import build
 from slipctl.run.logs.run_log import Log, Rows, log_columns
 from slipctl.run.numbers import Template, check_guards, template
@@ -156,8 +156,7 @@ class Prepared:
         Raises:
             BadInput, RunFailed: as a call.
         """
-        scenario = self.scenario if seed is None else self.scenario.but(seed=seed)
-        scenario = scenario if rail is None else scenario.but(rail=rail)
+        scenario = self._scenario(seed, rail)
         block, values = self._numbered(numbers)
         x = build.pack_numbers(block, "state", block._start({}, values))
         u, roll, parts = self._parts(block, scenario, values)
@@ -197,8 +196,7 @@ class Prepared:
         Raises:
             BadInput, RunFailed: as a call.
         """
-        scenario = self.scenario if seed is None else self.scenario.but(seed=seed)
-        scenario = scenario if rail is None else scenario.but(rail=rail)
+        scenario = self._scenario(seed, rail)
         block, values = self._numbered(numbers)
         u, roll, parts = self._parts(block, scenario, values)
         h = float(block.period or 0.0)
@@ -211,6 +209,11 @@ class Prepared:
             if n < last - first:
                 raise RunFailed(_broken(block, x, (first + n + 1) * h))
         return Whole(block, f, u, x_log, y_log, parts)
+
+    def _scenario(self, seed: int | None, rail: Rail | None) -> Scenario:
+        """The scenario with another seed and rail, where they are given."""
+        given = {"seed": seed, "rail": rail}
+        return self.scenario.but(**{k: v for k, v in given.items() if v is not None})
 
     def _numbered(
         self, numbers: Mapping[str, Any] | None
@@ -301,8 +304,7 @@ def _ticks(loop: Block, scenario: Scenario, every: int) -> int:
 def _check_logged(loop: Block, wanted: set[str] | None) -> None:
     known = {s.name for s in loop.signals if s.role != "param"}
     for n in wanted or ():
-        if n not in known:
-            raise BadInput(f"{loop.name} has no signal {n!r} to log{nearest(n, known)}")
+        check_known(f"{loop.name} has no signal", n, known, " to log")
 
 
 def _broken(loop: Block, x: np.ndarray, when: float) -> str:

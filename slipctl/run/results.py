@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from slipctl import registry
-from slipctl.errors import BadInput, check_kinds, nearest
+from slipctl.errors import BadInput, check_kinds, check_known, nearest
 
 if TYPE_CHECKING:
     import xarray
@@ -54,8 +55,6 @@ def known_column(known: Known, rail: Rail | None, where: Any, log: Any) -> np.nd
     values: Any = known.values
     if callable(values):
         values = np.asarray(values(log), dtype=float)
-        if known.behind:
-            return np.asarray(values)
     elif isinstance(values, Sequence):
         if rail is None or where is None:
             values = values[0]
@@ -65,8 +64,8 @@ def known_column(known: Known, rail: Rail | None, where: Any, log: Any) -> np.nd
                 there = there[:, None] - np.array(known.behind) * (rail.by != "time")
             section = np.searchsorted(rail.starts, there, side="right") - 1
             values = np.asarray(values, dtype=float)[np.maximum(section, 0)]
-            if known.behind:
-                return np.asarray(values)
+    if known.behind and np.ndim(values) > 1:
+        return np.asarray(values)
     return np.array(np.broadcast_to(values, log["time"].shape), dtype=float)
 
 
@@ -100,27 +99,22 @@ class Loops(Mapping[str, "Block"]):
 
     def __or__(self, other: Mapping[str, Block]) -> Loops:
         """Loops of both, those of the other where both have the name."""
-        return Loops({n: _getter(m, n) for m in (self, other) for n in m})
+        return Loops({n: partial(m.__getitem__, n) for m in (self, other) for n in m})
 
     def __ror__(self, other: Mapping[str, Block]) -> Loops:
-        return Loops({n: _getter(m, n) for m in (other, self) for n in m})
+        return Loops({n: partial(m.__getitem__, n) for m in (other, self) for n in m})
 
     def only(self, *names: str) -> Loops:
         """These loops alone."""
-        return Loops({n: _getter(self, n) for n in names})
+        return Loops({n: partial(self.__getitem__, n) for n in names})
 
     def each(self, change: Callable[[Block], Block]) -> Loops:
         """The same loops, each changed."""
 
-        def changed(name: str) -> Callable[[], Block]:
-            return lambda: change(self[name])
+        def changed(name: str) -> Block:
+            return change(self[name])
 
-        return Loops({n: changed(n) for n in self})
-
-
-def _getter(loops: Mapping[str, Block], name: str) -> Callable[[], Block]:
-    """What gives a loop when it is called."""
-    return lambda: loops[name]
+        return Loops({n: partial(changed, n) for n in self})
 
 
 @dataclass(frozen=True)
@@ -169,10 +163,7 @@ class Table:
             raise BadInput(f"table {self.title!r}: columns of unequal length, {lengths}")
 
     def __getitem__(self, column: str) -> Sequence[Any]:
-        if column not in self.columns:
-            raise BadInput(
-                f"table {self.title!r} has no column {column!r}{nearest(column, self.columns)}"
-            )
+        check_known(f"table {self.title!r} has no column", column, self.columns)
         return self.columns[column][1]
 
     def where(self, wanted: str, **given: Any) -> Any:
@@ -238,9 +229,14 @@ class Results:
         for case in self.cases:
             if case.scenario.name == scenario and loop in case.loops:
                 return case.loops[loop]
-        if scenario in self.left:
-            raise LeftToFull
-        raise NotRun(f"{key} was not run")
+        raise self._not_run(scenario, key, "")
+
+    def _not_run(self, part: str, key: str, what: str) -> NotRun:
+        """Why there is nothing: it was left to ``--full``, it failed, or nobody ran it."""
+        if part in self.left:
+            return LeftToFull()
+        why = f"failed: {self.failed[key]}" if key in self.failed else "was not run"
+        return NotRun(f"{what}{key} {why}")
 
     def number(self, scenario: str, loop: str, path: str) -> float:
         """Parameter of a loop as it ran, such as ``"ctl.law.k1"``; of many axles the first one's.
@@ -250,8 +246,7 @@ class Results:
             BadInput: it has no such parameter.
         """
         values = self.loop(scenario, loop).values_by_place()
-        if path not in values:
-            raise BadInput(f"{loop} has no parameter {path!r}{nearest(path, values)}")
+        check_known(f"{loop} has no parameter", path, values)
         return float(np.ravel(values[path])[0])
 
     def log(self, scenario: str, loop: str) -> xarray.Dataset:
@@ -264,11 +259,7 @@ class Results:
         self.asked.add(key)
         if loop in self.data.get(scenario, {}):
             return self.data[scenario][loop]
-        if scenario in self.left:
-            raise LeftToFull
-        raise NotRun(
-            f"{key} failed: {self.failed[key]}" if key in self.failed else f"{key} was not run"
-        )
+        raise self._not_run(scenario, key, "")
 
     def metric(self, scenario: str, loop: str, name: str) -> Any:
         """Value of a metric: a number, a list, or None where it has no meaning for the loop.
@@ -301,15 +292,8 @@ class Results:
         """
         self.asked.add(experiment)
         found = self.tables.get(experiment)
-        if not found and experiment in self.left:
-            raise LeftToFull
         if not found:
-            why = (
-                f" failed: {self.failed[experiment]}"
-                if experiment in self.failed
-                else " was not run"
-            )
-            raise NotRun(f"experiment {experiment}{why}")
+            raise self._not_run(experiment, experiment, "experiment ")
         if name is not None and name not in found:
             raise NotRun(f"experiment {experiment} gave no table {name!r}{nearest(name, found)}")
         return found[name or next(iter(found))]

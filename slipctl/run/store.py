@@ -29,10 +29,8 @@ FORMAT = 1
 PART = ".slipctl."
 """How the name of a file begins that is not whole yet."""
 
-
 DEVICES = {"con", "prn", "aux", "nul", *(f"{k}{n}" for k in ("com", "lpt") for n in range(1, 10))}
 """Names that Windows keeps for devices, also with an ending: ``nul.json`` is no file there."""
-
 
 LONGEST_NAME = 255
 """Bytes of a name in a folder, on Linux, macOS and Windows."""
@@ -127,16 +125,12 @@ def name_file_in_errors(path: Path) -> Iterator[None]:
 def temporary_for(path: Path) -> Iterator[Path]:
     """Give a temporary name beside ``path``; it becomes ``path`` if all goes well."""
     with hold_interrupts(), name_file_in_errors(path):
-        yield from _replacing(path)
-
-
-def _replacing(path: Path) -> Iterator[Path]:
-    scratch = part(path)
-    try:
-        yield scratch
-        publish(scratch, path)
-    finally:
-        scratch.unlink(missing_ok=True)
+        scratch = part(path)
+        try:
+            yield scratch
+            publish(scratch, path)
+        finally:
+            scratch.unlink(missing_ok=True)
 
 
 def part(path: Path) -> Path:
@@ -149,14 +143,10 @@ def part(path: Path) -> Path:
 
 def publish(scratch: Path, path: Path) -> None:
     """Give a file that is whole its name."""
-    os.chmod(scratch, 0o666 & ~_umask())
-    os.replace(scratch, path)
-
-
-def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
-    return mask
+    os.chmod(scratch, 0o666 & ~mask)
+    os.replace(scratch, path)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -191,23 +181,18 @@ def json_text(value: Any) -> str:
 
 def _lines(value: Any, depth: int) -> str:
     inner, outer = "  " * (depth + 1), "  " * depth
-    nested = isinstance(value, dict) or any(isinstance(v, (dict, list)) for v in _items(value))
-    if not nested or not value or (isinstance(value, dict) and _leaf(value)):
+    leaf = not isinstance(value, (dict, list)) or not value
+    if isinstance(value, dict):  # a small record such as {"value": 1.0, "unit": "m"}
+        leaf |= len(value) <= 2 and "unit" in value
+    elif not leaf:
+        leaf = not any(isinstance(v, (dict, list)) for v in value)
+    if leaf:
         return json.dumps(value, ensure_ascii=False, allow_nan=False)
     if isinstance(value, dict):
         rows = [f"{inner}{json.dumps(k)}: {_lines(v, depth + 1)}" for k, v in value.items()]
         return "{\n" + ",\n".join(rows) + f"\n{outer}}}"
     rows = [inner + _lines(v, depth + 1) for v in value]
     return "[\n" + ",\n".join(rows) + f"\n{outer}]"
-
-
-def _items(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else []
-
-
-def _leaf(value: Mapping[str, Any]) -> bool:
-    """Whether it is a small record such as {"value": 1.0, "unit": "m"}."""
-    return len(value) <= 2 and "unit" in value
 
 
 def write_json(path: Path, payload: Mapping[str, Any]) -> None:

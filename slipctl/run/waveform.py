@@ -17,6 +17,12 @@ def settling_time(
     return float(t[last[-1] + 1] - t[0]) if len(last) else 0.0
 
 
+def stretches(true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First place of each stretch that is true, and the one after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(int)))
+    return edges[::2], edges[1::2]
+
+
 def ripple(values: np.ndarray) -> float:
     """Peak-to-peak value, of the worst column."""
     return float(np.ptp(values, axis=0).max()) if len(values) else 0.0

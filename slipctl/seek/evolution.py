@@ -8,19 +8,11 @@ from typing import Any
 
 import casadi as ca
 
-from slipctl.analysis.objective import (
-    best_outputs,
-    column,
-    objective,
-    open_law,
-    refuse_names,
-    search_inputs,
-    search_params,
-)
+from slipctl.analysis import objective
 from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
 from slipctl.block.signals import Param, Signal, State
 from slipctl.block.text.intermediates import remember_locals
-from slipctl.errors import BadInput, check_number, check_range, check_whole
+from slipctl.errors import BadInput, check_number, check_range, check_whole, refuse_unknown_choice
 from slipctl.seek import random as wh
 
 FORMS = ("consistent", "printed-alg1")
@@ -77,24 +69,25 @@ def differential_evolution(
         BadInput: unknown names, an empty range, or settings that make no search.
     """
     where = f"differential_evolution({as_block('differential_evolution: the law', law).name})"
-    maximise = objective(where, law, over, maximise)
+    maximise = objective.objective(where, law, over, maximise)
     _check(where, lo, hi, population, crossover, generations, form)
     per_tick = generations if generations_per_tick is None else generations_per_tick
     check_whole(f"{where}: generations_per_tick", per_tick, 1, int(generations))
     n = int(population)
-    given, value_of = open_law(law, [over], maximise)
+    given, value_of = objective.open_law(law, [over], maximise)
     worse = -1.0 if form == "printed-alg1" else 1.0
     many = per_tick < generations
     unit, states = law.inputs[over].unit, [wh.random_state(seed)]
     if many:
         states += _memory(unit, law.outputs[maximise].unit, n, value_of.size1_in(1))
     numbers = _numbers(unit, float(lo), float(hi), float(crossover))
-    refuse_names(where, law, [s.name for s in (*states, *numbers)])
+    objective.refuse_names(where, law, [s.name for s in (*states, *numbers)])
     whole, spread = _bodies(given, value_of, n, worse, generations, int(per_tick))
     return make_block(
         "differential_evolution", "step", spread if many else whole,
-        states=states, inputs=search_inputs(given), params=[*numbers, *search_params(given)],
-        outputs=best_outputs(law, over, maximise), sx=False,
+        states=states, inputs=objective.of_role("input", given),
+        params=[*numbers, *objective.of_role("param", given)],
+        outputs=objective.best_outputs(law, over, maximise), sx=False,
         doc=doc_of_maker(differential_evolution),
         choices={
             "form": form, "law": law.name, "over": over, "population": n,
@@ -118,14 +111,14 @@ def _bodies(
         return state[0], state[1:4], state[4 : 4 + n], state[4 + n :]
 
     def whole(xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        at = column(given, u, p)
+        at = objective.column(given, u, p)
         rng, pop, val = start(xs["rng"], at, p["lo"], p["hi"])
         _, rng, pop, val = run(1.0, rng, pop, val, at, p)
         place, value = best_of(pop, val)
         return {"rng": rng}, {"best": place, "value": worse * value}
 
     def spread(xs: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        now = column(given, u, p)
+        now = objective.column(given, u, p)
         first = xs["G"] <= 1
         at = ca.if_else(first, now, xs["at"])
         fresh = start(xs["rng"], at, p["lo"], p["hi"])
@@ -150,13 +143,13 @@ def _bodies(
 
 def _numbers(unit: str, lo: float, hi: float, crossover: float) -> list[Signal]:
     """Parameters of a search."""
+    told = "factor in the last generation", "guess, not in the paper"
     return [
         Param(unit, lo, "lowest", lo=-1e12, hi=1e12).named("lo"),
         Param(unit, hi, "highest", lo=-1e12, hi=1e12).named("hi"),
         Param("1", crossover, "probability of a trial", lo=0, hi=1).named("crossover"),
-        Param("1", 0.5, "factor in the last generation", "guess, not in the paper", lo=0.01, hi=2
-              ).named("F0"),
-    ]  # fmt: skip
+        Param("1", 0.5, *told, lo=0.01, hi=2).named("F0"),
+    ]
 
 
 def _memory(place: str, value: str, n: int, known: int) -> list[Signal]:
@@ -186,8 +179,7 @@ def _check(
     if not 0 <= crossover <= 1:
         raise BadInput(f"{where}: crossover = {crossover:g} must lie in 0..1")
     check_whole(f"{where}: generations", generations)
-    if form not in FORMS:
-        raise BadInput(f"{where} has no form {form!r}; it has {', '.join(FORMS)}")
+    refuse_unknown_choice(where, "form", form, FORMS)
 
 
 def _first(value_of: ca.Function, n: int, worse: float) -> Callable[..., tuple[Any, Any, Any]]:

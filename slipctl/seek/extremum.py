@@ -14,7 +14,7 @@ from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
 from slipctl.block.signals import Input, Output, Param, Signal, State
 from slipctl.block.units.unit_algebra import unit
 from slipctl.certify.bounds import extremum as bounds
-from slipctl.errors import BadInput, check_finite, check_positive
+from slipctl.errors import BadInput, check_finite, check_positive, refuse_unknown_choice
 
 log = logging.getLogger(__name__)
 
@@ -126,8 +126,7 @@ def perturbation_seek(
             that are not positive.
     """
     where = "perturbation_seek"
-    if dither not in DITHERS:
-        raise BadInput(f"{where} has no dither {dither!r}; it has {', '.join(DITHERS)}")
+    refuse_unknown_choice(where, "dither", dither, DITHERS)
     positive(where, period=period, a=a, w=w, w_h=w_h, w_l=w_l, r=r, q=q)
     bounds.check_dither(where, w, w_h, w_l, period)
     vanishing = dither == "vanishing"
@@ -305,8 +304,7 @@ def warn_regime(where: str, k: float, rho: float, steepest: float) -> None:
 def positive(where: str, **numbers: float) -> None:
     """Refuse numbers that are not positive."""
     for name, value in numbers.items():
-        if not (math.isfinite(value) and value > 0):
-            raise BadInput(f"{where}: {name} = {value:g} must be positive")
+        check_positive(f"{where}: {name}", value)
 
 
 def quotient_unit(of: str, unit_below: str) -> str:

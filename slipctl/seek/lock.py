@@ -11,14 +11,8 @@ import casadi as ca
 from slipctl.block.block import Block, Exprs, doc_of_maker, make_block
 from slipctl.block.signals import Input, Output, Param, Signal, State
 from slipctl.certify.bounds import extremum as bounds
-from slipctl.seek.extremum import (
-    demodulate,
-    next_amplitude,
-    period_of,
-    positive,
-    quotient_unit,
-    warn_regime,
-)
+from slipctl.seek import extremum
+from slipctl.seek.extremum import quotient_unit
 
 WAIT, SLIDE, LOCK = 0, 1, 2
 """Values of the output ``mode``."""
@@ -86,18 +80,18 @@ def locking_seek(
     where = "locking_seek"
     given = dict(k=k, rho=rho, beta=beta, planes=planes, gain=gain, a=a, w=w, w_h=w_h, w_l=w_l,
                  r=r, q=q, reach=reach, tolerance=tolerance, forget=forget, wait=wait)  # fmt: skip
-    positive(where, period=period, **given)
+    extremum.positive(where, period=period, **given)
     bounds.check_sampling(where, beta, rho, period)
     bounds.check_dither(where, w, w_h, w_l, period)
     if steepest is not None:
-        warn_regime(where, k, rho, steepest)
+        extremum.warn_regime(where, k, rho, steepest)
 
     place, value = unit_of_place, unit_of_value
     return make_block(
         where, "step", _tick, period=period,
         states=_states(place, value, float(start)),
         inputs=[Input(value, "measured value").named("y")],
-        params=[*_numbers(place, value, **given), period_of(period)],
+        params=[*_numbers(place, value, **given), extremum.period_of(period)],
         outputs=_outputs(place, value),
         doc=doc_of_maker(locking_seek), choices={"steepest": steepest},
     )  # fmt: skip
@@ -114,7 +108,7 @@ def _tick(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
     turned = ca.if_else(side * x["side"] < 0, x["v"], x["turn"])
     locks = ca.logic_and(sliding, delta < -p["planes"] * beta)  # floor(delta_0/beta) = 0
 
-    wave, dither = demodulate(x, y, p)
+    wave, dither = extremum.demodulate(x, y, p)
     climbed = ca.fabs(x["v"] - x["turn"]) > p["reach"]
     off = ca.fabs(y - x["kept"]) > p["tolerance"] * ca.fabs(x["kept"])
     locked = ca.logic_not(ca.logic_or(waiting, sliding))
@@ -138,7 +132,7 @@ def _tick(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         "xi": by_mode(0, 0, dither["xi"]),
         "eta": by_mode(y, y, dither["eta"]),
         "phase": by_mode(0, 0, dither["phase"]),
-        "a": by_mode(0, p["a_0"], next_amplitude(x, p)),
+        "a": by_mode(0, p["a_0"], extremum.next_amplitude(x, p)),
         "kept": by_mode(y, y, x["kept"] + T * p["forget"] * (y - x["kept"])),
     }  # fmt: skip
     amplitude = ca.if_else(locked, x["a"], 0)

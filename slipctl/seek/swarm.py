@@ -8,15 +8,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from slipctl.analysis.objective import (
-    column,
-    objective,
-    open_law,
-    refuse_names,
-    search_inputs,
-    search_params,
-    value_there,
-)
+from slipctl.analysis import objective
 from slipctl.block.block import Block, Exprs, as_block, doc_of_maker, make_block
 from slipctl.block.signals import Output, Param, Signal, real_array
 from slipctl.errors import BadInput, check_number, check_positive, check_ranges, check_whole
@@ -64,23 +56,23 @@ def particle_swarm(
     check_ranges(where, over)
     names = list(over)
     for name in names:
-        minimise = objective(where, law, name, minimise)
+        minimise = objective.objective(where, law, name, minimise)
     check_whole(f"{where}: particles", particles, 2, 1000)
     check_whole(f"{where}: iterations", iterations)
     settings = _settings(where, inertia, c1, c2, clamp, len(names))
     assert minimise is not None
-    given, value_of = open_law(law, names, minimise)
+    given, value_of = objective.open_law(law, names, minimise)
     n, d, m = int(particles), len(names), value_of.size1_in(1)
     low_hi = np.array([over[k] for k in names])
     lo, span = ca.DM(low_hi[:, 0]), ca.DM(low_hi[:, 1] - low_hi[:, 0])
-    refuse_names(where, law, ["rng", *(s.name for s in settings)])
+    objective.refuse_names(where, law, ["rng", *(s.name for s in settings)])
     first = _first(value_of, d, m, lo, span).mapaccum("particles", n)
     weight = inertia if callable(inertia) else None
     iteration = _iteration(value_of, n, d, m, lo, span, weight, int(iterations))
     search, best_of = repeat_step(iteration, int(iterations)), _best(n, d)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
-        at = column(given, u, p)
+        at = objective.column(given, u, p)
         rngs, places, values = first(x["rng"], ca.repmat(at, 1, n))
         start = ca.vertcat(
             1, rngs[:, -1], ca.vec(places), ca.MX.zeros(n * d), ca.vec(places), values.T
@@ -95,10 +87,10 @@ def particle_swarm(
 
     return make_block(
         "particle_swarm", "step", body,
-        states=[wh.random_state(seed)], inputs=search_inputs(given),
-        params=[*settings, *search_params(given)],
+        states=[wh.random_state(seed)], inputs=objective.of_role("input", given),
+        params=[*settings, *objective.of_role("param", given)],
         outputs=[*(Output(law.inputs[k].unit, f"best {law.inputs[k].doc}").named(k)
-                   for k in names), value_there(law, minimise)],
+                   for k in names), objective.value_there(law, minimise)],
         sx=False, doc=doc_of_maker(particle_swarm),
         choices={"law": law.name, "particles": n, "iterations": int(iterations),
                  "over": ", ".join(f"{k} {a:g}..{b:g}" for k, (a, b) in over.items()),

@@ -92,6 +92,6 @@ def test_a_machine_without_a_proof_is_refused_by_the_runs_of_another_one():
     assert promises.fails_last(late)
     assert not promises.fails_last(loop)
     system = catalogue.system_of_gains(gains, loop)
-    runs = system.loop.worst_runs(promises.numbers(gains, loop))
+    runs = system.loop.worst_runs(promises.asked(gains, loop)[1])
     assert all(np.isin(signs, (-1, 1)).all() for _, signs in runs)
-    assert not system.loop.exceeds(promises.numbers(gains, loop), runs)
+    assert not system.loop.exceeds(promises.asked(gains, loop)[1], runs)

@@ -7,6 +7,7 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR
 from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
@@ -166,7 +167,7 @@ def test_1375_draws_say_99_percent(monkeypatch: pytest.MonkeyPatch) -> None:
     assert kept.share >= tail
     seen = [float.fromhex(v) for v in found["claims"][0]["values"]]
     worst = [s if k else 9.5 for k, s in enumerate(seen)]
-    beyond = statement._claim("", "slip_max", True, 9.0, "m/s", tail, worst, statement.BETA)
+    beyond = statement._claim(Limit("", "slip_max", True, 9.0, "m/s"), worst, statement.BETA)
     found["claims"][0] = beyond
     missed = statement.check(found)[1]
     assert missed.violations == 1
@@ -245,7 +246,8 @@ def test_a_statement_that_its_draws_do_not_show_is_refused(changes: Any, said: s
 @pytest.mark.parametrize("value", ["1/3", "2/3", "123456.7", "1/7000000", "12345678", "9999999.9"])
 def test_a_number_of_a_statement_is_rounded_to_its_side(value: str) -> None:
     exact = Fraction(value)
-    low, high = Fraction(statement._down(exact)), Fraction(statement._up(exact))
+    sides = ROUND_FLOOR, ROUND_CEILING
+    low, high = (Fraction(statement._rounded(exact, side)) for side in sides)
     assert low <= exact <= high
     assert high - low <= exact / 10**5
     assert statement.level(4) == statement.BETA / 4

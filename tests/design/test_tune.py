@@ -24,6 +24,7 @@ from slipctl.design.rolls import Rolls
 from slipctl.design.tune import Stopped, Tuned, tune
 from slipctl.run.metrics import Metric
 from slipctl.run.sweep.ensemble import World, read_ensemble
+from slipctl.run.sweep.sweep_plan import Axis
 from slipctl.seek import population
 
 SIGNALS = Signals(speed="plant.wheel.v", slip="plant.wheel.v_s", torque="plant.brake.T_b",
@@ -85,16 +86,12 @@ def test_draws_follow_from_their_number(seed: int, stream: int, k: int) -> None:
     """The same number gives the same draw; another stream, seed or number gives another."""
     world = object.__new__(World)
     world.seed, world.ensemble, world.known = seed, Ensemble({"a": "0:1"}), {}
-    world.axes, world.factors, world.scenario = (_Axis(),), (), SCENARIO
+    world.axes, world.factors, world.scenario = (Axis("a", 0.0, 1.0, None, "1"),), (), SCENARIO
     one = world.draw(stream, k).numbers["a"]
     assert one == world.draw(stream, k).numbers["a"]
     others = [world.draw(stream + 1, k), world.draw(stream, k + 1)]
     world.seed += 1
     assert one not in [d.numbers["a"] for d in (*others, world.draw(stream, k))]
-
-
-class _Axis:
-    name, lo, hi = "a", 0.0, 1.0
 
 
 @pytest.mark.parametrize(("table", "said"), [

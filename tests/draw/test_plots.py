@@ -10,7 +10,7 @@ import toy_study
 
 from slipctl import BadInput
 from slipctl.block.units.unit_algebra import display_scale
-from slipctl.draw import looks, mathml, plots, show
+from slipctl.draw import figure_files, looks, mathml, plots, show
 from slipctl.study import case_setup, execution, resolve
 
 
@@ -162,7 +162,7 @@ def test_a_figure_is_the_same_every_time(results) -> None:
         return toy_study.slip(results)
 
     assert plots.svg_text(draw(), "x") == plots.svg_text(draw(), "x")
-    assert plots.png_bytes(draw(), "x") == plots.png_bytes(draw(), "x")
+    assert figure_files.pictures(draw(), "x") == figure_files.pictures(draw(), "x")
 
 
 # ---- MathML -------------------------------------------------------------------------------------

@@ -107,18 +107,18 @@ def test_slopes_are_those_of_the_sampled_plant(method: str, substeps: int):
     problem = Horizon.of(
         pair, cost, ["u", "w"], None, {}, 20, 0.1, method, substeps, {"u": 2.0, "w": 4.0}
     )
-    of = stage_functions("here", problem)
+    once, stage, layout, motion = stage_functions("here", problem)
     step = sampled(pair, 0.1, method, substeps).f
     x, v, p = ca.SX.sym("x", 3), ca.SX.sym("v", 2), ca.SX.sym("p", 2)
     n = step(x, ca.vertcat(2 * v[0], 4 * v[1], 0.4), p)[0]
     wanted = ca.Function("wanted", [x, v, p], [n, ca.jacobian(n, x), ca.jacobian(n, v)])
     for _ in range(4):
         xs, vs, q = RNG.normal(size=3), RNG.normal(size=2), [*RNG.uniform(0.5, 2, 2), 3.0, 5.0]
-        column = of.stage(xs, vs, [0.4], of.once(q), np.zeros(3))
-        pieces = Layout(of.layout.sparsity).unpack(ca.SX(column))
+        column = stage(xs, vs, [0.4], once(q), np.zeros(3))
+        pieces = Layout(layout.sparsity).unpack(ca.SX(column))
         found = [np.array(ca.DM(ca.densify(m))) for m in (pieces[2], pieces[0], pieces[1])]
         for a, b in zip(found, wanted(xs, vs, q[:2]), strict=True):
             np.testing.assert_allclose(a, np.array(b), rtol=1e-12, atol=1e-13)  # roundings
         np.testing.assert_allclose(
-            np.array(of.step(xs, vs, [0.4], of.once(q))), found[0], rtol=1e-15, atol=1e-15
+            np.array(motion(xs, vs, [0.4], once(q))), found[0], rtol=1e-15, atol=1e-15
         )

@@ -69,7 +69,7 @@ def test_parquet_is_read_as_text_is(tmp_path: Path) -> None:
     log = read_recording(file, wanted=["X"])
     assert (log.columns, list(log.table.others)) == (["x"], ["note"])
     with pytest.raises(BadInput, match="no column 'nota'; did you mean 'note'"):
-        log.find("nota")
+        log.table.find("nota")
 
 
 def test_dates_in_parquet(tmp_path: Path) -> None:

@@ -49,9 +49,8 @@ class Backward:
             end = np.array(_scalar(self.f, last - first)(start, rest).full()).ravel()
         else:
             after = np.vstack([whole.x[first + 1 :], whole.x[-1:]])[: last - first]
-            rest = np.hstack(
-                [whole.x[span], whole.u[span], at_y[span], at_x[span], after, whole.y[span]]
-            )
+            rows = [whole.x[span], whole.u[span], at_y[span], at_x[span], after, whole.y[span]]
+            rest = np.hstack(rows)
             end = np.concatenate([adjoint, np.zeros(p.size)])
             rest, many = np.ascontiguousarray(rest[::-1]), last - first
             roll = build.make_roller(_of_calls(self.f), self._compile, many)

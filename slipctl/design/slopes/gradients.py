@@ -44,7 +44,6 @@ STEPS = (1e-2, 1e-3, 1e-4, 1e-5)
 AGREES = 1e-6
 """Relative difference of a slope and the central difference that is taken for agreement."""
 
-
 LONGEST = 400_000
 """Operations of a tick from which on no slopes are asked for."""
 

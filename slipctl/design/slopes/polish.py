@@ -73,8 +73,8 @@ def polish(search: Search) -> Polished:
         tried.append(made)
         if made.score.missed(search.limits) > 0:
             raise StopIteration
-        by = _mean_slope(search, slopes, made.numbers) * search.box.by_share(made.share)
-        return made.score.mean(), by
+        each = [_slope(search, slopes, made.numbers, k) for k in range(search.samples)]
+        return made.score.mean(), np.mean(each, axis=0) * search.box.by_share(made.share)
 
     with suppress(StopIteration, BadInput, RunFailed):  # what was tried before stands
         minimize(fun, search.best.share, jac=True, method="L-BFGS-B",
@@ -84,12 +84,6 @@ def polish(search: Search) -> Polished:
             search.best = made
     search.spent = search.rolls.done
     return Polished("", off, start - search.best.score.mean())
-
-
-def _mean_slope(search: Search, slopes: Slopes, numbers: Mapping[str, float]) -> np.ndarray:
-    """Slope of the mean of the objective over the draws, by each number."""
-    draws = range(search.samples)
-    return np.mean([_slope(search, slopes, numbers, k) for k in draws], axis=0)
 
 
 def _slope(search: Search, slopes: Slopes, numbers: Mapping[str, float], k: int) -> np.ndarray:

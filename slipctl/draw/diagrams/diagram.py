@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from slipctl.draw.diagrams.diagram_svg import FONT, Drawing
-from slipctl.draw.diagrams.levels import Level, level, levels_below
+from slipctl.draw.diagrams.levels import Level, level
 
 if TYPE_CHECKING:
     from slipctl.block.block import Block
@@ -37,14 +37,9 @@ def _quoted(text: str) -> str:
 # ---- SVG ---------------------------------------------------------------------------------------
 
 
-def svg(block: Block, deep: bool = False) -> str:
-    """Draw the block diagram as SVG.
-
-    Args:
-        block: a connected block; one without parts is drawn as a box with its signals.
-        deep: draw each connected part below, too.
-    """
-    return levels_svg([level(block), *(levels_below(block, "") if deep else [])])
+def svg(block: Block) -> str:
+    """Draw the block diagram as SVG; a block without parts is a box with its signals."""
+    return levels_svg([level(block)])
 
 
 def boxes_of_svg(block: Block) -> dict[str, tuple[float, float, float, float]]:

@@ -62,9 +62,8 @@ class _Hop:
 
 def _text_width(text: str, size: float) -> float:
     """Width of a text in the drawing's font, near enough for boxes that hold it."""
-    return (
-        sum(0.32 if c in "iljt.,'[]() /|I1" else 0.86 if c in "mwMW" else 0.58 for c in text) * size
-    )
+    wide = [0.32 if c in "iljt.,'[]() /|I1" else 0.86 if c in "mwMW" else 0.58 for c in text]
+    return sum(wide) * size
 
 
 class Drawing:
@@ -224,12 +223,11 @@ class Drawing:
         for i, p in enumerate(stack):
             bends = [-shift for shift in self._bends(self.out_of[id(p)])]
             bends += self._bends(self.into[id(p)])
-            high = (
-                stack[i + 1].y - self._gap(p, stack[i + 1]) - p.height
-                if i + 1 < len(stack)
-                else 1e9
-            )
-            low = stack[i - 1].y + stack[i - 1].height + self._gap(stack[i - 1], p) if i else -1e9
+            low, high = -1e9, 1e9
+            if i:
+                low = stack[i - 1].y + stack[i - 1].height + self._gap(stack[i - 1], p)
+            if i + 1 < len(stack):
+                high = stack[i + 1].y - self._gap(p, stack[i + 1]) - p.height
 
             def straight(shift: float, bends: list[float] = bends) -> int:
                 return sum(abs(d - shift) < 0.6 for d in bends)
@@ -253,20 +251,10 @@ class Drawing:
                 self.hops[source.column].append(_Hop(net, source.port_y(net, True), down=True))
                 for end in back:
                     target = self.places[end[0]]
-                    hops = self.hops[target.column - 1]
-                    arriving = next((h for h in hops if h.net == net and h.up), None)
-                    if arriving is None:
-                        arriving = _Hop(net, 0.0, up=True)
-                        hops.append(arriving)
+                    arriving = self._hop(target.column - 1, net, 0.0, up=True)
                     arriving.ends.append(target.port_y(end, False))
         for a, pa, b, pb in self.links:
-            net = pa
-            hops = self.hops[a.column]
-            hop = next((h for h in hops if h.net == net and not h.up), None)
-            if hop is None:
-                hop = _Hop(net, a.port_y(pa, True))
-                hops.append(hop)
-            hop.ends.append(b.port_y(pb, False))
+            self._hop(a.column, pa, a.port_y(pa, True)).ends.append(b.port_y(pb, False))
         x = float(MARGIN)
         if any(h.up for h in self.hops[-1]):
             x += self._tracks(self.hops[-1], x, 0.0)
@@ -280,7 +268,7 @@ class Drawing:
                     p.width = width
             x += width
             labels = [
-                _text_width(self._wire_label(h.net), 10.5) + 18
+                _text_width(self.lv.label(h.net), 10.5) + 18
                 for h in self.hops[c]
                 if not h.up and self.places[h.net[0]].column == c and self._labelled(h.net)
             ]
@@ -291,14 +279,19 @@ class Drawing:
         self.lanes = {net: deepest + 18 + LANE * i for i, net in enumerate(spans)}
         self.height = max([deepest, *self.lanes.values()], default=0.0) + MARGIN
 
+    def _hop(self, channel: int, net: Port, start: float, up: bool = False) -> _Hop:
+        """The wire across a channel, with the stream or ``up`` from below; made where it is not."""
+        for hop in self.hops[channel]:
+            if hop.net == net and hop.up == up:
+                return hop
+        self.hops[channel].append(_Hop(net, start, up=up))
+        return self.hops[channel][-1]
+
     def _span(self, net: Port) -> int:
         return self.columns[net[0]] - min(self.columns[b] for b, _ in self.back[net])
 
     def _labelled(self, net: Port) -> bool:
         return self.lv.nodes[net[0]].box
-
-    def _wire_label(self, net: Port) -> str:
-        return self.lv.label(net)
 
     def _tracks(self, hops: list[_Hop], x: float, labels: float) -> float:
         """Place the vertical lines of a channel; returns the channel's width."""
@@ -362,7 +355,7 @@ class Drawing:
                 place = self.places[net[0]]
                 shift = 10 if self.lv.nodes[net[0]].deep else 6
                 x, y = place.x + place.width + shift, place.port_y(net, True) - 5
-                out.append(_words(x, y, self._wire_label(net), 10.5, WIRE, "start"))
+                out.append(_words(x, y, self.lv.label(net), 10.5, WIRE, "start"))
         return "\n".join([*out, "</g>"])
 
     def _node(self, key: str, p: _Place) -> list[str]:

@@ -141,15 +141,3 @@ def _short_choices(block: Block) -> list[str]:
         elif k == "method" or (k == "form" and v != "consistent"):
             out.append(str(v))
     return out
-
-
-def levels_below(block: Block, path: str) -> list[Level]:
-    """Levels of all connected parts below, titled with their path."""
-    out = []
-    for name, part in inner(block).parts.items():
-        if inner(part).wires:
-            here = f"{path}.{name}" if path else name
-            lv = level(part)
-            lv.title = here
-            out += [lv, *levels_below(part, here)]
-    return out

@@ -111,10 +111,8 @@ def ctukf(
     )  # fmt: skip
 
 
-_SIGMA = (
-    Param("1", 2.0, "spread of the sigma points", "Zhang 2021, Table 3", lo=0, hi=100).named(
-        "sigma"),
-)  # fmt: skip
+_SPREAD = Param("1", 2.0, "spread of the sigma points", "Zhang 2021, Table 3", lo=0, hi=100)
+_SIGMA = (_SPREAD.named("sigma"),)
 _BETA = Param("1", 2.0, "extra weight", "Zhang 2021, Table 3", lo=0, hi=100).named("beta")
 
 
@@ -158,26 +156,11 @@ def ekf(
 
 
 def _filter(
-    kind: str,
-    forms: Sequence[str],
-    block: Block,
-    measured: str | Sequence[str],
-    estimate: str | Sequence[str],
-    *,
-    form: str,
-    per: str,
-    method: str,
-    substeps: int,
-    period: float,
-    numbers: dict[str, float],
-    prior: Numbers,
-    noise: Numbers,
-    drift: Numbers,
-    start: Numbers | None,
-    floor: Numbers | None,
-    cap: Numbers | None,
-    **of_kind: Any,
-) -> Block:
+    kind: str, forms: Sequence[str], block: Block, measured: str | Sequence[str],
+    estimate: str | Sequence[str], *, form: str, per: str, method: str, substeps: int,
+    period: float, numbers: dict[str, float], prior: Numbers, noise: Numbers, drift: Numbers,
+    start: Numbers | None, floor: Numbers | None, cap: Numbers | None, **of_kind: Any,
+) -> Block:  # fmt: skip
     """Check what both filters share, and build the block."""
     who = f"{kind}({block.name})"
     for word, value, known in (("form", form, forms), ("per", per, PER)):
@@ -197,9 +180,7 @@ def _filter(
     problem = Problem.of(kind, block, measured, estimate)
     squares = {s.name: unit_squared(s.unit) for s in problem.unknown}
     rates = {s.name for s in problem.increments}
-    noises = {
-        s.name: unit_squared(s.unit) + ("/s" if s.name in rates else "") for s in problem.measured
-    }
+    noises = {s.name: unit_squared(s.unit) + "/s" * (s.name in rates) for s in problem.measured}
     before = by_name(who, "prior", prior, squares, "positive")
     least: Numbers = {k: 1e-12 * v for k, v in before.items()} if floor is None else floor
     most: Numbers = {k: 1e12 * v for k, v in before.items()} if cap is None else cap

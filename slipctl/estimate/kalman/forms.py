@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -18,19 +19,10 @@ from slipctl.block.units.unit_algebra import one
 from slipctl.certify.bounds.filters import rate
 from slipctl.certify.bounds.steps import METHODS, largest_step
 from slipctl.errors import BadInput
+from slipctl.estimate.kalman import signals
 from slipctl.estimate.kalman.model import Problem, per_second, start_value
 from slipctl.estimate.kalman.moments import Vector, factors, forward, solve, with_floor
-from slipctl.estimate.kalman.signals import (
-    Names,
-    Setting,
-    filter_inputs,
-    filter_outputs,
-    filter_params,
-    filter_states,
-    first_estimate,
-    held_states,
-    state_for_next,
-)
+from slipctl.estimate.kalman.signals import Names, Setting
 
 PREDICTIONS = ("euler", "rk4")
 """Methods that carry states from tick to tick in the sampled form."""
@@ -107,13 +99,15 @@ def sampled_form(problem: Problem, setting: Setting, method: str, substeps: int)
         results |= {s.name: v for s, v in zip(unknown, mean, strict=True)}
         results |= {names.variance[s.name]: P[i][i] for i, s in enumerate(unknown)}
         results["nis"] = _dot(white, [w / d for w, d in zip(white, D, strict=True)])
-        return names.states(problem, mean, P) | state_for_next(problem, names, u), results
+        return names.states(problem, mean, P) | signals.state_for_next(problem, names, u), results
 
     return make_block(
         setting.kind, "step", body,
-        states=[*filter_states(problem, setting, names), *held_states(problem, names)],
-        inputs=filter_inputs(problem), params=filter_params(problem, setting, names),
-        outputs=filter_outputs(problem, names), period=setting.period, sx=problem.block.sx,
+        states=[*signals.filter_states(problem, setting, names),
+                *signals.held_states(problem, names)],
+        inputs=signals.filter_inputs(problem),
+        params=signals.filter_params(problem, setting, names),
+        outputs=signals.filter_outputs(problem, names), period=setting.period, sx=problem.block.sx,
         units=problem.block.units, choices=setting.choices, doc=setting.doc,
     )  # fmt: skip
 
@@ -205,10 +199,10 @@ def _rates(problem: Problem, setting: Setting, names: Names) -> Block:
     here = problem.in_rates | problem.in_outputs | {s.name for s in problem.direct}
     own = {names.innovation[s.name] for s in measured} | {"nis"}
     return make_block(
-        setting.kind, "flow", body, states=filter_states(problem, setting, names),
-        inputs=[*rates, *(s for s in filter_inputs(problem) if s.name in here)],
-        params=filter_params(problem, setting, names),
-        outputs=[s for s in filter_outputs(problem, names) if s.name in own],
+        setting.kind, "flow", body, states=signals.filter_states(problem, setting, names),
+        inputs=[*rates, *(s for s in signals.filter_inputs(problem) if s.name in here)],
+        params=signals.filter_params(problem, setting, names),
+        outputs=[s for s in signals.filter_outputs(problem, names) if s.name in own],
         sx=problem.block.sx, units=problem.block.units, choices=setting.choices, doc=setting.doc,
     )  # fmt: skip
 
@@ -267,17 +261,18 @@ def _discretised(
         results = {k: ca.if_else(begun, v, 0) for k, v in y.items()}
         results |= {s.name: v for s, v in zip(unknown, mean, strict=True)}
         results |= {names.variance[s.name]: P[i][i] for i, s in enumerate(unknown)}
-        return names.states(problem, mean, P) | state_for_next(problem, names, u), results
+        return names.states(problem, mean, P) | signals.state_for_next(problem, names, u), results
 
     def rebuild(parts: dict[str, Block]) -> Block:
         return _discretised(problem, names, parts[flow.name], setting, method, substeps)
 
     return make_block(
-        setting.kind, "step", body, states=[*flow.states.values(), *held_states(problem, names)],
-        inputs=filter_inputs(problem), params=flow.params.values(),
-        outputs=filter_outputs(problem, names), period=setting.period, sx=motion.sx,
-        units=flow.units,
-        choices=flow.choices | {"method": method, "substeps": substeps}, doc=flow.doc,
+        setting.kind, "step", body,
+        states=[*flow.states.values(), *signals.held_states(problem, names)],
+        inputs=signals.filter_inputs(problem), params=flow.params.values(),
+        outputs=signals.filter_outputs(problem, names), period=setting.period, sx=motion.sx,
+        units=flow.units, doc=flow.doc,
+        choices=flow.choices | {"method": method, "substeps": substeps},
         parts={flow.name: flow}, rebuild=rebuild, transparent=True,
         sharing=flow.sharing.through(),
     )  # fmt: skip
@@ -288,18 +283,18 @@ def _motion(problem: Problem, setting: Setting) -> Block:
     states = [s for s in problem.unknown if s.role == "state"]
     others = [s for s in problem.unknown if s.role != "state"]
     before = [s for s in (*problem.known, *problem.increments) if s.name in problem.in_rates]
+    first = partial(signals.first_estimate, problem, setting)
 
     def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
         rates = problem.rates({**u, **p, **x})[0]
-        return {
-            s.name: v for s, v in zip(problem.unknown, rates, strict=True) if s.role == "state"
-        }, {}
+        pairs = zip(problem.unknown, rates, strict=True)
+        return {s.name: v for s, v in pairs if s.role == "state"}, {}
 
     return make_block(
         problem.block.name, "flow", body,
-        states=[s.valued(first_estimate(problem, setting, s)) for s in states],
+        states=[s.valued(first(s)) for s in states],
         inputs=[
-            *(s.as_role("input", value=first_estimate(problem, setting, s)) for s in others),
+            *(s.as_role("input", value=first(s)) for s in others),
             *(s.as_role("input", value=start_value(problem.block, s)) for s in before),
         ],
         params=problem.params, sx=problem.block.sx,

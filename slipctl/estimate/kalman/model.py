@@ -17,6 +17,9 @@ from slipctl.errors import BadInput, check_known, nearest
 Numbers = float | Mapping[str, float]
 
 
+_ANY: Any = {"value": None, "lo": -math.inf, "hi": math.inf}
+
+
 @dataclass(frozen=True)
 class Problem:
     """Unknowns and measurements of a flow.
@@ -63,7 +66,8 @@ class Problem:
         names = {s.name for s in (*unknown, *found)}
         states = [s for s in block.states.values() if s.name in used and s.name not in names]
         inputs = [s for s in block.inputs.values() if s.name in used and s.name not in names]
-        known = (*(_given(s) for s in states), *(s for s in inputs if not s.noise))
+        given = (s.as_role("input", value=None) for s in states)  # from outside
+        known = (*given, *(s for s in inputs if not s.noise))
         params = (s for s in block.params.values() if s.name in used and s.name not in names)
         here = {s.name for s in (*known, *whole.increments)}
         return cls(
@@ -123,15 +127,23 @@ class Problem:
         y = self.equations(values)[1] if any(s.role == "output" for s in self.direct) else {}
         return [y[s.name] if s.role == "output" else values[s.name] for s in self.direct]
 
-    def symbols(self) -> Exprs:
-        """A symbol for each signal that is no output."""
-        symbols: Exprs = {}
-        for role in ("state", "input", "param"):
-            symbols |= self.block.symbols(role)
-        return {k: v for k, v in symbols.items() if not self._derived(k)}
+    def samples(self) -> list[Signal]:
+        """Inputs of what estimates: the measurements."""
+        return [
+            s.as_role("input", doc=f"measured {s.doc or s.name}", **_ANY) for s in self.measured
+        ]
 
-    def _derived(self, name: str) -> bool:
-        return name in self.block.params and self.block.params[name].derived
+    def estimates(self) -> list[Signal]:
+        """Outputs of what estimates: the unknowns."""
+        return [
+            s.as_role("output", doc=f"estimate: {s.doc or s.name}", **_ANY) for s in self.unknown
+        ]
+
+    def symbols(self) -> Exprs:
+        """A symbol for each signal that is no output, and no derived parameter."""
+        b = self.block
+        symbols = b.symbols("state") | b.symbols("input") | b.symbols("param")
+        return {k: v for k, v in symbols.items() if k not in b.params or not b.params[k].derived}
 
     def _idle(self, s: Signal) -> Any:
         value = start_value(self.block, s)
@@ -143,10 +155,7 @@ class Problem:
         """Names that the equations of motion, and the direct measurements, depend on."""
         values = self.symbols()
         moving, increments = self.rates(values)
-        return (
-            _depends([*moving, *increments], values),
-            _depends(self.outputs(values), values),
-        )
+        return _depends([*moving, *increments], values), _depends(self.outputs(values), values)
 
     def _reads(self, outputs: Sequence[str]) -> set[str]:
         """Names that some outputs of the flow depend on."""
@@ -209,11 +218,6 @@ def _measurements(who: str, block: Block, names: Sequence[str]) -> tuple[Signal,
     return tuple(found)
 
 
-def _given(s: Signal) -> Signal:
-    """A state that comes from outside."""
-    return s.as_role("input", value=None)
-
-
 def _depends(expressions: Iterable[Any], values: Mapping[str, Any]) -> set[str]:
     whole = [e for e in expressions if hasattr(e, "is_constant") and not e.is_constant()]
     if not whole:
@@ -254,13 +258,9 @@ def _one_word(unit: str) -> str:
 
 
 def by_name(
-    who: str,
-    what: str,
-    given: Numbers,
-    units: Mapping[str, str],
-    allowed: str,
+    who: str, what: str, given: Numbers, units: Mapping[str, str], allowed: str,
     partial: bool = False,
-) -> dict[str, float]:
+) -> dict[str, float]:  # fmt: skip
     """One number per name, from one number or a mapping.
 
     Args:

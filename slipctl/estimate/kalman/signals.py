@@ -111,12 +111,10 @@ def filter_states(problem: Problem, setting: Setting, names: Names) -> list[Sign
     ]  # fmt: skip
     for (i, j), name in names.P.items():
         a, b = unknown[i], unknown[j]
-        states.append(
-            State(unit_squared(a.unit), names.prior[a.name], f"variance of {a.name}").named(name)
-            if i == j
-            else State(product(a.unit, b.unit), 0.0, f"covariance of {a.name} and {b.name}"
-                       ).named(name)
-        )  # fmt: skip
+        s = State(unit_squared(a.unit), names.prior[a.name], f"variance of {a.name}")
+        if i != j:
+            s = State(product(a.unit, b.unit), 0.0, f"covariance of {a.name} and {b.name}")
+        states.append(s.named(name))
     return states
 
 
@@ -142,11 +140,7 @@ def state_for_next(problem: Problem, names: Names, u: Exprs) -> Exprs:
 
 def filter_inputs(problem: Problem) -> list[Signal]:
     """Measurements and known signals."""
-    measured = [
-        s.as_role("input", value=None, doc=f"measured {s.doc or s.name}", lo=-math.inf, hi=math.inf)
-        for s in problem.measured
-    ]
-    return [*measured, *problem.known]
+    return [*problem.samples(), *problem.known]
 
 
 def filter_params(problem: Problem, setting: Setting, names: Names) -> list[Signal]:
@@ -159,24 +153,18 @@ def filter_params(problem: Problem, setting: Setting, names: Names) -> list[Sign
     ]  # fmt: skip
     for s in problem.unknown:
         u, n = unit_squared(s.unit), s.name
-        params += [
-            Param(u, setting.prior[n], f"variance of {n} at the start", lo=TINY, hi=1e30).named(
-                names.prior[n]),
-            Param(f"{u}/s", setting.drift[n], f"R_v of {n}", lo=0, hi=1e30).named(names.drift[n]),
-            Param(u, setting.floor[n], f"least variance of {n}", lo=TINY,
-                  hi=1e30).named(names.floor[n]),
-            Param(u, setting.cap[n], f"variance of {n} above which gamma rests", lo=TINY,
-                  hi=1e30).named(
-                names.cap[n]),
-        ]  # fmt: skip
+        for word, unit, least, doc in (
+            ("prior", u, TINY, f"variance of {n} at the start"),
+            ("drift", f"{u}/s", 0, f"R_v of {n}"), ("floor", u, TINY, f"least variance of {n}"),
+            ("cap", u, TINY, f"variance of {n} above which gamma rests"),
+        ):  # fmt: skip
+            number = Param(unit, getattr(setting, word)[n], doc, lo=least, hi=1e30)
+            params.append(number.named(getattr(names, word)[n]))
     for s in problem.measured:
         u = unit_squared(s.unit) + ("/s" if problem.by_increments(s) else "")
         what = "R_w of the increments of" if problem.by_increments(s) else "variance of measured"
-        params.append(
-            Param(u, setting.noise[s.name], f"{what} {s.name}", lo=TINY, hi=1e30).named(
-                names.noise[s.name]
-            )
-        )
+        noise = Param(u, setting.noise[s.name], f"{what} {s.name}", lo=TINY, hi=1e30)
+        params.append(noise.named(names.noise[s.name]))
     return [*params, *problem.params]
 
 
@@ -187,8 +175,7 @@ TINY = 1e-300
 def filter_outputs(problem: Problem, names: Names) -> list[Signal]:
     """Estimates, their variances, innovations, and the normalised innovation squared."""
     return [
-        *(s.as_role("output", value=None, doc=f"estimate: {s.doc or s.name}", lo=-math.inf,
-                    hi=math.inf) for s in problem.unknown),
+        *problem.estimates(),
         *(Output(unit_squared(s.unit), f"variance of {s.name}").named(names.variance[s.name])
           for s in problem.unknown),
         *(Output(s.unit, f"measured minus expected {s.name}"

@@ -208,9 +208,8 @@ def _largest_entry(
     f: ca.Function, k: int, sign: int, lo: np.ndarray, hi: np.ndarray, gap: float
 ) -> Bracket:
     """Bracket of one entry times a sign."""
-    if sign > 0:
-        return largest(f, lo, hi, gap, lambda y: y[k], lambda a, b: b[k], MOST)
-    return largest(f, lo, hi, gap, lambda y: -y[k], lambda a, b: -a[k], MOST)
+    end = (lambda a, b: b[k]) if sign > 0 else (lambda a, b: -a[k])
+    return largest(f, lo, hi, gap, lambda y: sign * y[k], end, MOST)
 
 
 def _scales(problem: Problem, scale: Numbers) -> list[float]:

@@ -28,7 +28,6 @@ DOUBTFUL = 0.25
 ALIKE = 4.0
 """Samples that count as one from which on residuals are told to be alike."""
 
-
 HUGE = 1e60
 """Most that a misfit counts: a trial that runs away is no number, and its square is not either."""
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from slipctl.block.block import Block
-from slipctl.errors import BadInput, check_known, nearest
+from slipctl.errors import BadInput, check_all_known, check_known
 from slipctl.estimate.curve import quantity
 from slipctl.estimate.log_fit.fit_search import Search
 from slipctl.estimate.log_fit.record import FittedOverTime, Record
@@ -59,11 +59,9 @@ def fit_over_time(
     """
     if flow.kind != "flow":
         raise BadInput(f"{flow.name} is a {flow.kind}; a fit over time takes a flow, x' = f")
-    if measured not in {**flow.states, **flow.outputs}:
-        raise BadInput(f"{flow.name} has no state or output {measured!r}"
-                       f"{nearest(measured, [*flow.states, *flow.outputs])}")  # fmt: skip
-    if delay and delay not in flow.inputs:
-        raise BadInput(f"{flow.name} has no input {delay!r}{nearest(delay, flow.inputs)}")
+    check_known(f"{flow.name} has no state or output", measured, [*flow.states, *flow.outputs])
+    if delay:
+        check_known(f"{flow.name} has no input", delay, flow.inputs)
     check_known("there is no rule", rule, ("hold", "linear"))
     free = free_state(flow, measured)
     if unknown is None:
@@ -75,8 +73,7 @@ def fit_over_time(
     told = {n: quantity(flow, n, v) for n, v in (at or {}).items()}
     if twice := [n for n in told if n in unknown]:
         raise BadInput(f"{twice[0]} is both given and unknown; leave it out of one of them")
-    for n in start or {}:
-        check_known("start has", n, unknown)
+    check_all_known("start has", start or {}, unknown)
     first = {n: quantity(flow, n, v) for n, v in (start or {}).items()}
     settled = {n: v for n, v in {**told, **first}.items() if n in flow.params}
     flow = flow.with_params(**settled) if settled else flow
@@ -121,7 +118,7 @@ def _records(
         elif n in flow.inputs and flow.inputs[n].value is not None:
             found[n] = np.full(len(found["time"]), float(flow.inputs[n].value))
         else:
-            raise BadInput(f"data has no column {n!r}{nearest(n, [str(k) for k in data])}")
+            check_known("data has no column", n, [str(k) for k in data])
     if len({v.size for v in found.values()}) != 1:
         raise BadInput("data: give columns of one length")
     for n, v in found.items():

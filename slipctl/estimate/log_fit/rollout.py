@@ -8,7 +8,8 @@ changes within an interval where t_j + d falls: intervals end there too, and dS/
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -21,6 +22,9 @@ from slipctl.estimate.model import known_parameters, stack_column
 
 LATEST = 2.0
 """Longest dead time in s."""
+
+
+NOTHING = np.empty(0), np.empty(0)
 
 
 @dataclass(frozen=True)
@@ -37,9 +41,7 @@ class Stretch:
     time: np.ndarray
     inputs: Mapping[str, np.ndarray]
     measured: np.ndarray
-    before: tuple[np.ndarray, np.ndarray] = field(
-        default_factory=lambda: (np.empty(0), np.empty(0))
-    )
+    before: tuple[np.ndarray, np.ndarray] = NOTHING
 
     def thinned(self, most: int) -> Stretch:
         """About so many of its samples."""
@@ -59,7 +61,7 @@ def stretches(
         if b - a < 2 or not np.isfinite(measured[a:b]).any():
             continue
         early = (time < time[a]) & (time > time[a] - LATEST - 1.0)
-        before = (time[early], inputs[delayed][early]) if delayed else (np.empty(0), np.empty(0))
+        before = (time[early], inputs[delayed][early]) if delayed else NOTHING
         own = {n: v[a:b] for n, v in inputs.items()}
         found.append(Stretch(time[a:b], own, measured[a:b], before))
     return found
@@ -85,7 +87,9 @@ class Rolled:
         self.states = list(flow.states)
         self.start = np.array([start[n] for n in self.states])
         self.columns = len(unknown) + bool(free) + bool(delayed)
-        self._made: dict[Any, ca.Function] = {}
+        self._step, self._output = cache(self._make_step), cache(self._make_output)
+        self._steps = cache(lambda parts, many: self._step(parts).mapaccum(many))
+        self._outputs = cache(lambda many: self._output().map(many))
 
     def _symbols(self) -> tuple[Any, ...]:
         sym: Any = ca.SX.sym if self.flow.sx else ca.MX.sym
@@ -102,7 +106,7 @@ class Rolled:
         y = {**self.flow.unpack("state", x), **y}[self.output]
         return stack_column(n[k] for k in self.states), y
 
-    def _step(self, parts: int) -> ca.Function:
+    def _make_step(self, parts: int) -> ca.Function:
         """Function (z, u, q, c, h, dh) -> z of state and slopes after an interval."""
         x, u, q, c = self._symbols()
         sym: Any = ca.SX.sym if self.flow.sx else ca.MX.sym
@@ -131,22 +135,12 @@ class Rolled:
         moved = step(whole[:n], ca.reshape(whole[n:], n, w), *given)
         return ca.Function("step", [whole, *given], [moved])
 
-    def _output(self) -> ca.Function:
+    def _make_output(self) -> ca.Function:
         """Function (x, u, q, c) -> output, its slopes by x and by q."""
         x, u, q, c = self._symbols()
         y = self._equations(x, u, q, c)[1]
         rows = [ca.densify(ca.jacobian(y, k)) for k in (x, q)]
         return ca.Function("output", [x, u, q, c], [y, *rows], {"cse": True})
-
-    def _function(self, key: tuple[Any, ...]) -> ca.Function:
-        if key not in self._made:
-            if key[0] == "step":
-                one = self._made.setdefault(key[:2], self._step(key[1]))
-                self._made[key] = one.mapaccum(key[2])
-            else:
-                one = self._made.setdefault(key[:1], self._output())
-                self._made[key] = one.map(key[1])
-        return self._made[key]
 
     def _grid(
         self, piece: Stretch, dead: float
@@ -192,7 +186,7 @@ class Rolled:
             S0[at, len(self.unknown)] = 1.0
         z0 = np.concatenate([x0, S0.ravel(order="F")])
         many = h.size
-        f = self._function(("step", parts, many))
+        f = self._steps(parts, many)
         fixed = [np.tile(np.asarray(v, dtype=float).reshape(-1, 1), (1, many))
                  for v in (q, self.constants.full())]  # fmt: skip
         z = f(z0, u, *fixed, h.reshape(1, -1), dh.reshape(1, -1)).full()
@@ -200,9 +194,8 @@ class Rolled:
         x, S = z[:n], z[n:].reshape(w, n, -1)
         count = samples.size
         now = np.array([piece.inputs[k] for k in self.flow.inputs]).reshape(-1, count)
-        y, by_x, by_q = self._function(("output", count))(
-            x, now, *(np.tile(v[:, :1], (1, count)) for v in fixed)
-        )
+        tiled = (np.tile(v[:, :1], (1, count)) for v in fixed)
+        y, by_x, by_q = self._outputs(count)(x, now, *tiled)
         by_x = by_x.full().reshape(n, count, order="F")
         J = np.einsum("nk,wnk->kw", by_x, S)
         J[:, : len(self.unknown)] += by_q.full().reshape(-1, count, order="F").T

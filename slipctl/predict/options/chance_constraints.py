@@ -65,6 +65,8 @@ def tightening(
     Raises:
         BadInput: unknown names, a variance below 0, a chance that is none, no regulator there.
     """
+    from scipy.stats import norm
+
     where = f"tightening({as_block('tightening: the plant', plant).name})"
     as_block(f"{where}: the cost", cost)
     check_positive(f"{where}: h", h, "s")
@@ -92,7 +94,7 @@ def tightening(
         C, M = rows[0] - rows[1] @ answer, A - B @ answer
         found[k] = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", C, S, C), 0))
         S = M @ S @ M.T + Q * h
-    return dict(zip(names, _quantile(chance) * found.T, strict=True))
+    return dict(zip(names, float(norm.ppf(chance)) * found.T, strict=True))
 
 
 def _whole(
@@ -121,9 +123,3 @@ def _variances(where: str, what: str, plant: Block, given: Mapping[str, float]) 
             raise BadInput(f"{where}: {what} of {n} = {value:g} is a variance; give 0 or more")
         found[n] = float(value)
     return np.diag([found[n] for n, size in sizes.items() for _ in range(size)])
-
-
-def _quantile(chance: float) -> float:
-    from scipy.stats import norm
-
-    return float(norm.ppf(chance))

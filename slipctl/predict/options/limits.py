@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import casadi as ca
 
 from slipctl.block.block import Block
-from slipctl.block.signals import Signal
+from slipctl.block.signals import Param, Signal
 from slipctl.errors import BadInput, check_number, check_positive
 from slipctl.predict.stages.horizon import Soft
 
@@ -32,8 +32,7 @@ def limits_of(
     found = softs | _hard(where, plant, rows, hard, softs)
     for name, s in rows.items():
         if name not in found:
-            short = name.split(".", 1)[1]
-            given = {short: (s.lo, s.hi)}
+            given = {name.split(".", 1)[1]: (s.lo, s.hi)}
             found |= _hard(where, plant, rows, given, found)
     _refuse_contradictions(where, laws, found)
     return found
@@ -118,8 +117,7 @@ def _hard(
         name, low, high = _range(where, plant, rows, n, "hard", given[0], given[1], form)
         if name in softs:
             raise BadInput(f"{where}: {n} has soft limits and hard ones; give one of them")
-        size = max((abs(b) for b in (low, high) if abs(b) < FAR), default=1.0) or 1.0
-        found[name] = Soft(low, high, 1 / size, hard=True)
+        found[name] = firm(low, high)
     return found
 
 
@@ -135,12 +133,34 @@ def _range(
     own = next((name for name in rows if name.split(".", 1)[1] == n), None)
     name = own or f"plant.{plant.find(n, 'state', 'output')}"
     s = rows[own] if own else (plant.states | plant.outputs)[name.removeprefix("plant.")]
-    low, high = s.lo if lo is None else lo, s.hi if hi is None else hi
+    advice = f"give {kind}={{{n!r}: {form}}}" if own is None else "declare its lo= or hi="
+    return name, *ends_of(where, f"{kind} limits", n, s, (lo, hi), advice)
+
+
+def ends_of(
+    where: str, what: str, n: str, s: Signal, given: Sequence[float | None], advice: str
+) -> tuple[float, float]:
+    """Limits of a signal, declared ones where None is given; refused where they leave nothing."""
+    low, high = (own if b is None else b for b, own in zip(given, (s.lo, s.hi), strict=True))
     for b in (low, high):
-        check_number(f"{where}: {kind} limits of {n}: an end", b, s.unit)
+        check_number(f"{where}: {what} of {n}: an end", b, s.unit)
     if not low < high:
         raise BadInput(f"{where}: {n} from {low:g} to {high:g} {s.unit} leaves nothing")
     if math.isinf(low) and math.isinf(high):
-        advice = f"give {kind}={{{n!r}: {form}}}" if own is None else "declare its lo= or hi="
         raise BadInput(f"{where}: {n} has no range; {advice}")
-    return name, max(low, -FAR), min(high, FAR)
+    return max(low, -FAR), min(high, FAR)
+
+
+def firm(low: float, high: float) -> Soft:
+    """Hard limits; what they are exceeded by counts by their size."""
+    size = max((abs(b) for b in (low, high) if abs(b) < FAR), default=1.0) or 1.0
+    return Soft(low, high, 1 / size, hard=True)
+
+
+def limit_params(unit: str, name: str, limit: Soft) -> list[Signal]:
+    """Parameters of the ends of a limit."""
+    kind = "hard" if limit.hard else "soft"
+    return [
+        Param(unit, value, f"{kind} limit {side}", lo=-1e12, hi=1e12).named(f"{name}_{end}")
+        for end, side, value in (("min", "below", limit.lo), ("max", "above", limit.hi))
+    ]

@@ -190,16 +190,8 @@ class _Search:
 
     def _rest(self, w: Any, following: Any, _: Any) -> np.ndarray:
         """The rest of the law by Newton's method, from the steady state of the linear problem."""
-        f = ca.Function(
-            "rest",
-            [w],
-            [
-                w
-                - ca.solve(
-                    ca.densify(ca.jacobian(following, w)) - ca.SX.eye(len(self.L)), following - w
-                )
-            ],
-        )
+        slope = ca.densify(ca.jacobian(following, w)) - ca.SX.eye(len(self.L))
+        f = ca.Function("rest", [w], [w - ca.solve(slope, following - w)])
         at = np.zeros(len(self.L))
         for _step in range(20):
             at = np.array(f(at)).ravel()
@@ -230,7 +222,7 @@ class _Search:
         worst = int(at.argmax())
         if at[worst] >= 0:
             raise BadInput(
-                f"{self.where}: at the rest {self._told(np.zeros(len(self.L)))}"
+                f"{self.where}: at the rest {_named(self._state(np.zeros(len(self.L))))}"
                 f" {self.labels[worst].split()[0]} is not within its limits; give another"
                 " at={...}, or widen them"
             )
@@ -243,9 +235,6 @@ class _Search:
         rays = np.random.default_rng(1).normal(size=(len(axes), RAYS))
         rays = np.hstack([rays, axes, -axes, corner[:, None]])
         self.rays = rays / np.linalg.norm(rays, axis=0)
-
-    def _told(self, w: np.ndarray) -> str:
-        return _named(self._state(w))
 
     def _state(self, w: np.ndarray) -> dict[str, float]:
         x = self.rest + self.G @ w
@@ -268,9 +257,8 @@ class _Search:
         """Upper bounds of V(F) - V, over the size of V in the box."""
         slope = enclose(self.fall_slope, low, high)
         size = (np.maximum(np.abs(low), np.abs(high)) ** 2).sum(axis=0)
-        ends = np.fmin(
-            enclose(self.fall, low, high)[1][0], from_middle(self.fall, low, high, slope)
-        )
+        whole = enclose(self.fall, low, high)[1][0]
+        ends = np.fmin(whole, from_middle(self.fall, low, high, slope))
         return np.asarray(ends / size + ROOM)
 
     def _within(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -306,10 +294,8 @@ class _Search:
             open_ = bound(low, high) >= 0
             low, high, middle = low[:, open_], high[:, open_], middle[:, open_]
             cut = np.arange(n)[:, None] == np.argmax(high - low, axis=0)
-            low, high = (
-                np.hstack([low, np.where(cut, middle, low)]),
-                np.hstack([np.where(cut, middle, high), high]),
-            )
+            cuts = np.where(cut, middle, high), np.where(cut, middle, low)
+            low, high = np.hstack([low, cuts[1]]), np.hstack([cuts[0], high])
         self.boxes += seen
         return True
 
@@ -391,9 +377,9 @@ def _named(state: Mapping[str, float]) -> str:
 def _first(fails: Callable[[float], bool], inner: float, outer: float) -> float:
     """Smallest radius that was seen to fail from ``inner`` on, ``outer`` if none does."""
     radii = np.append(np.geomspace(inner, outer, 30)[:-1], outer) if outer > inner else [outer]
-    k = next((k for k, radius in enumerate(radii) if fails(radius)), None)
-    if k is None or k == 0:
-        return float(outer if k is None else radii[0])
+    k = next((k for k, radius in enumerate(radii) if fails(radius)), -1)
+    if k <= 0:
+        return float(radii[k])
     good, bad = radii[k - 1], radii[k]
     for _ in range(HALVINGS):
         middle = (good + bad) / 2

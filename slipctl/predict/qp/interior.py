@@ -30,24 +30,9 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 
 from slipctl.block.text.intermediates import elements, function, remember_locals
-from slipctl.predict.qp.interior_tolerances import (
-    EASE,
-    EASE_OF_UNKNOWNS,
-    EASED,
-    END,
-    ENOUGH,
-    FAR,
-    NEAR,
-    NEARLY,
-    POLISH,
-    ROUNDED,
-    SHORT,
-    STILL,
-    WIDE,
-)
+from slipctl.predict.qp import interior_tolerances as tolerance
 from slipctl.predict.qp.stage_loops import Repeated, scan
 from slipctl.predict.qp.status import DATA, FASTER, FREE, HIGH, NONE, SMALL, TIED
-from slipctl.predict.qp.step_length import mean_of, reach_of
 
 if TYPE_CHECKING:
     from slipctl.predict.qp.active_set import ActiveSet
@@ -81,17 +66,20 @@ class Interior:
         for i in self.bounded:
             unit = ca.SX(1, nz + h.nu)
             unit[nz + i] = 1
-            e += [ca.fmax(u[i] - bounds[h.nu + i], -WIDE), ca.fmax(bounds[i] - u[i], -WIDE)]
+            e += [
+                ca.fmax(u[i] - bounds[h.nu + i], -tolerance.WIDE),
+                ca.fmax(bounds[i] - u[i], -tolerance.WIDE),
+            ]
             R += [unit, -unit]
         for i in self.rated:
             unit = ca.SX(1, nz + h.nu)
             unit[nz + i], unit[h.nx + i] = 1, -1
-            moved, rate = u[i] - earlier[i], ca.fmin(bounds[2 * h.nu + i], WIDE)
+            moved, rate = u[i] - earlier[i], ca.fmin(bounds[2 * h.nu + i], tolerance.WIDE)
             e += [moved - rate, -moved - rate]
             R += [unit, -unit]
         wide = ca.SX(h.nc, nz + h.nu)
         wide[:, : h.nx], wide[:, nz:] = t.C[:, : h.nx], t.C[:, h.nx :]
-        return ca.vertcat(*e, ca.fmax(t.c, -FAR)), ca.vertcat(*R, wide)
+        return ca.vertcat(*e, ca.fmax(t.c, -tolerance.FAR)), ca.vertcat(*R, wide)
 
     def _eliminated(self, kinds: list[str], w: Any, a: Any, target: Any) -> tuple[Any, ...]:
         """(d, t0, W, f) of each row at a = (l, s, t, n, corrections); f = (s l + m)/(s + d l).
@@ -207,7 +195,7 @@ class Interior:
         e, target = ca.SX.sym("column", of.end.size), ca.SX.sym("target", 2)
         a, pieces = self._symbols(self.h.nc)
         H, g, c, C, w = of.end.unpack(e)
-        c = ca.fmax(c, -FAR)
+        c = ca.fmax(c, -tolerance.FAR)
         _, t0, W, f = self._eliminated(self.last_kinds, w, pieces, target)
         P, p = ca.SX(of.nz, of.nz), ca.SX.zeros(of.nz)
         P[:nx, :nx] = ca.triu2symm(H) + C.T @ ca.diag(W) @ C
@@ -224,7 +212,7 @@ class Interior:
         e, x, target = ca.SX.sym("column", of.end.size), ca.SX.sym("x", nx), ca.SX.sym("target", 2)
         a, pieces = self._symbols(self.h.nc)
         _, _, c, C, w = of.end.unpack(e)
-        c = ca.fmax(c, -FAR)
+        c = ca.fmax(c, -tolerance.FAR)
         after = self._after(self.last_kinds, w, c + C @ x, pieces, target)
         return "ip_last", [x, e, a, target], [after], ["point", "column", "a", "target"], ["rows"]
 
@@ -297,14 +285,14 @@ class Interior:
         zero = [ca.MX.zeros(self._lengths[0]), ca.MX.zeros(self._lengths[2])]
         # as a share of the multipliers: a row must weigh more than the cost, of whatever size
         heaviest = ca.mmax(now[0])
-        ease = EASE / (1 + heaviest) if self.bounded else EASE_OF_UNKNOWNS
+        ease = tolerance.EASE / (1 + heaviest) if self.bounded else tolerance.EASE_OF_UNKNOWNS
         whole = solve(*now, *zero, ca.vertcat(0, ease), *data)[2:]
         ahead = [b - a for a, b in zip(now, whole, strict=True)]
         reach = reach_of(now, ahead, 1.0)
         tried = mean_of([v + reach * d for v, d in zip(now, ahead, strict=True)])
         ratio = tried / mean
         target = mean * ratio**3
-        share = ca.fmin(1, reach / SHORT)
+        share = ca.fmin(1, reach / tolerance.SHORT)
         turn = [share * ahead[0] * ahead[1], share * ahead[2] * ahead[3]]
         found = solve(*now, *turn, ca.vertcat(target, ease), *data)
         ahead = [b - a for a, b in zip(now, found[2:], strict=True)]
@@ -325,24 +313,24 @@ class Interior:
         residual, short = left / scale, (1 - part) * moved
         # no more digits come, as in float
         little = ca.logic_and(left > mean / 2, moved < 10 * SMALL)
-        still = ca.logic_and(residual < (STILL if self.bounded else SMALL), little)
-        solved = ca.logic_or(residual < END, still)
+        still = ca.logic_and(residual < (tolerance.STILL if self.bounded else SMALL), little)
+        solved = ca.logic_or(residual < tolerance.END, still)
         near = short < SMALL
         if self.bounded:  # a row that is still eased is not kept
             farthest = ca.mmax(ca.fabs(ahead[0]))
-            near = ca.logic_and(near, ease * farthest < EASED)
-        enough = ca.logic_and(residual < ENOUGH, near)
+            near = ca.logic_and(near, ease * farthest < tolerance.EASED)
+        enough = ca.logic_and(residual < tolerance.ENOUGH, near)
         solved = ca.logic_and(solved, near)
-        open_ = ca.if_else(solved, 0, ca.if_else(enough, NEARLY, 1))
+        open_ = ca.if_else(solved, 0, ca.if_else(enough, tolerance.NEARLY, 1))
         made = steps + 1
         good = ca.vertcat(Xn, Vn, *nxt, left, open_, residual, made)
         bad = ca.vertcat(point[:-3], -2, 1, made)
         after = ca.if_else(sound, good, bad)
         nearer = ca.logic_and(sound, residual < before)
-        worse = ca.logic_and(was == NEARLY, ca.logic_not(ca.logic_and(nearer, open_ < 1)))
+        worse = ca.logic_and(was == tolerance.NEARLY, ca.logic_not(ca.logic_and(nearer, open_ < 1)))
         if not self.bounded:  # rounding of what is that large leaves no step
-            lost = ca.logic_or(ca.logic_not(nearer), part < SHORT)
-            worse = ca.logic_or(worse, ca.logic_and(before < ROUNDED, lost))
+            lost = ca.logic_or(ca.logic_not(nearer), part < tolerance.SHORT)
+            worse = ca.logic_or(worse, ca.logic_and(before < tolerance.ROUNDED, lost))
         kept = ca.vertcat(point[:-3], 0, before, made)
         after = ca.if_else(worse, kept, after)
         return "ip_step", [point, *data], [after], ["point", *DATA], ["point_next"]
@@ -361,7 +349,7 @@ class Interior:
         else:
             x, column = ca.SX.sym("point", nx), ca.SX.sym("column", of.end.size)
             _, _, c, C, w = of.end.unpack(column)
-            r, given = ca.fmax(c, -FAR) + C @ x, [x, column]
+            r, given = ca.fmax(c, -tolerance.FAR) + C @ x, [x, column]
         l, s, t, n, at = [], [], [], [], 0
         for i, kind in enumerate(kinds):
             if kind == SOFT:
@@ -370,7 +358,7 @@ class Interior:
                 l.append(ca.if_else(r[i] > 0, large, mean / large))
                 s.append(ca.if_else(r[i] > 0, mean / large, large))
             elif kind == FIRM:
-                s.append(ca.fmax(-r[i], NEAR))
+                s.append(ca.fmax(-r[i], tolerance.NEAR))
                 l.append(mean / s[-1])
             else:
                 # r + s = t, s l = t n = mean, l + n = w
@@ -395,7 +383,7 @@ class Interior:
         t = self.of._unpack(column)
         r = t.c + t.C @ ca.vertcat(x, dv)
         rows = [r[i] for i, kind in enumerate(self.last_kinds) if kind == SOFT]
-        rows += [NEAR * t.w[j] * r[i] for j, i in enumerate(self.h.capped)]
+        rows += [tolerance.NEAR * t.w[j] * r[i] for j, i in enumerate(self.h.capped)]
         most = ca.SX(0)
         for row in rows:
             most = ca.fmax(most, row)
@@ -463,14 +451,14 @@ class Interior:
         edges = [sum(sizes[:k]) for k in range(len(sizes) + 1)]
         X, V, l, s, t, n, _, open_, residual, steps = (solution[i:j] for i, j in pairwise(edges))
         S = self._statuses(*self._by_stage([l, s, t, n]))
-        open_ = ca.if_else(open_ == NEARLY, 0, open_)
+        open_ = ca.if_else(open_ == tolerance.NEARLY, 0, open_)
         over = self._given_up(s, t)
         sound, made = open_ >= 0, passes0 + steps
         inner = ca.vertcat(X, V, S, M0, open_, residual, over, made)
         broken = ca.vertcat(X0, V0, S0, M0, 1, residual0, 0, made)
         none = ca.MX.zeros(sum(of.sizes[:2]))
         begun = ca.vertcat(none, S, S * 0 + NONE, sound, 0, 0, made)
-        exact = of.passed(begun, POLISH, data)
+        exact = of.passed(begun, tolerance.POLISH, data)
         done = ca.logic_and(sound, exact[-4] == 0)
         after = ca.if_else(done, exact, ca.if_else(sound, inner, broken))
         return "qp_go_on", [z, *data], [after], ["z", *DATA], ["z_next"]
@@ -491,3 +479,17 @@ class Interior:
         symbols = [ca.MX.sym("z", sum(self.of.sizes)), *self.of.data()]
         stay = ca.Function("qp_settled", symbols, [symbols[0]], ["z", *DATA], ["z_next"])
         return ca.Function.if_else("qp_rescue", self._rescue(), stay)
+
+
+def reach_of(values: list[Any], steps: list[Any], part: float) -> Any:
+    """Longest share of a step, at most 1, that leaves (1 - part) of each value."""
+    v, d = ca.vertcat(*values), ca.vertcat(*steps)
+    shortest = ca.mmin(ca.if_else(d < 0, -v / d, 1 / part))
+    return ca.fmin(1, part * shortest)
+
+
+def mean_of(values: list[Any]) -> Any:
+    """Mean of s l and t n."""
+    l, s, t, n = values
+    products, capped_products = ca.dot(l, s), ca.dot(t, n)
+    return (products + capped_products) / (l.numel() + t.numel())

@@ -32,10 +32,8 @@ class Search:
 
     def __init__(self, horizon: Horizon, step: ca.Function) -> None:
         self.h = h = horizon
-        x, v, d, _ = h.symbols()
-        q = ca.SX.sym("q", h.nq)
+        x, v, d, q, y = h.of_stage()
         dx, dv = ca.SX.sym("dx", h.nx), ca.SX.sym("dv", h.nu)
-        y = h._outputs(x, v * ca.DM(h.scale), d, q[: h.np_])
         f = self._cost(h._stage_rows(y, d, q), h._soft_rows(on_the_way(y), q), q)
         f += h._priced(y, d, q)
         z, dz = ca.vertcat(x, v), ca.vertcat(dx, dv)

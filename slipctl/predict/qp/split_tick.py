@@ -3,34 +3,19 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 
 from slipctl.predict.qp.stage_loops import as_function, if_else_call
 
-
-class Tick(NamedTuple):
-    """What a tick begins with.
-
-    Attributes:
-        only: whether to prepare, and no more. prepared: whether it is prepared.
-        plan: X, U and S. kept: what was prepared. given: what preparing sees beside the plan,
-            whether there is one the first of it.
-        measured: what the rest sees beside that.
-        still: results of the rest, behind those of the plan, where there is no rest.
-    """
-
-    only: Any
-    prepared: Any
-    plan: tuple[Any, ...]
-    kept: tuple[Any, ...]
-    given: tuple[Any, ...]
-    measured: tuple[Any, ...]
-    still: tuple[Any, ...]
+Many = tuple[Any, ...]
 
 
-def split_results(prepare: Any, feedback: Any, tick: Tick) -> tuple[list[Any], list[Any]]:
+def split_results(
+    prepare: Any, feedback: Any, only: Any, prepared: Any, plan: Many, kept: Many, given: Many,
+    measured: Many, still: Many,
+) -> tuple[list[Any], list[Any]]:  # fmt: skip
     """Results of the rest, and what is prepared.
 
     One of four ways is gone: what is prepared is read where it lies. A Function that either takes
@@ -39,9 +24,14 @@ def split_results(prepare: Any, feedback: Any, tick: Tick) -> tuple[list[Any], l
     Args:
         prepare: of (plan, given, whether to shift the plan), to plan and prepared.
         feedback: of (plan, prepared, measured), to plan and results.
-        tick: what it begins with.
+        only: whether to prepare, and no more. prepared: whether it is prepared.
+        plan: X, U and S. kept: what was prepared. given: what preparing sees beside the plan,
+            whether there is one the first of it.
+        measured: what the rest sees beside that.
+        still: results of the rest, behind those of the plan, where there is no rest.
     """
-    sizes = [len(part) for part in tick[2:]]
+    parts = plan, kept, given, measured, still
+    sizes = [len(part) for part in parts]
     prepare, feedback = as_function("prepare", prepare), as_function("feedback", feedback)
 
     def pieces(flat: tuple[Any, ...]) -> list[tuple[Any, ...]]:
@@ -73,6 +63,6 @@ def split_results(prepare: Any, feedback: Any, tick: Tick) -> tuple[list[Any], l
         begun = pieces(flat)[2][0]
         return if_else_call("ahead", begun > 0, again, stay, prepared, *flat)
 
-    flat = [v for part in tick[2:] for v in part]
-    found = if_else_call("rest", ca.logic_not(tick.only), rest, ahead, tick.prepared, *flat)
-    return found[: -len(tick.kept)], found[-len(tick.kept) :]
+    flat = [v for part in parts for v in part]
+    found = if_else_call("rest", ca.logic_not(only), rest, ahead, prepared, *flat)
+    return found[: -len(kept)], found[-len(kept) :]

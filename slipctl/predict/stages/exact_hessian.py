@@ -83,9 +83,7 @@ class Curved:
     def _bent_rows(self) -> ca.Function:
         """Function (x, v, d, q, excess) -> upper triangle of the Hessian of a stage's cost."""
         h = self.h
-        x, u, d, _ = h.symbols()
-        q, over = ca.SX.sym("q", h.nq), ca.SX.sym("over", h.nc)
-        y = h._outputs(x, u * ca.DM(h.scale), d, q[: h.np_])
+        (x, u, d, q, y), over = h.of_stage(), ca.SX.sym("over", h.nc)
         cost = ca.sumsqr(h._stage_rows(y, d, q)) / 2 + h._priced(y, d, q)
         cost += ca.dot(over, h._soft_rows(on_the_way(y), q))
         H = _bent(cost, ca.vertcat(x, u))
@@ -94,9 +92,7 @@ class Curved:
     def _bent_end(self) -> ca.Function:
         """Function (x, d, q, excess) -> the same of the last stage."""
         h = self.h
-        x, u, d, _ = h.symbols()
-        q, over = ca.SX.sym("q", h.nq), ca.SX.sym("over", h.nc)
-        y = h._outputs(x, u, d, q[: h.np_])
+        (x, u, d, q, y), over = h.of_stage(), ca.SX.sym("over", h.nc)
         still = {n: s for n, s in y.items() if not ca.depends_on(s, u)}
         cost = ca.sumsqr(h._last_rows(y, x, d, q)) / 2 + ca.dot(over, h._soft_rows(still, q))
         return ca.Function("bent_end", [x, d, q, over], [_bent(cost, x)], {"cse": True})

@@ -250,15 +250,14 @@ class Horizon:
 
     def symbols(self) -> tuple[Any, Any, Any, Any]:
         """Symbols of state, control, held inputs and parameters."""
-        return tuple(  # type: ignore[return-value]
-            ca.SX.sym(n, k)
-            for n, k in (
-                ("point", self.nx),
-                ("control", self.nu),
-                ("d", self.nd),
-                ("numbers", self.np_),
-            )
-        )
+        x, u = ca.SX.sym("point", self.nx), ca.SX.sym("control", self.nu)
+        return x, u, ca.SX.sym("d", self.nd), ca.SX.sym("numbers", self.np_)
+
+    def of_stage(self) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Symbols of state, scaled control, held inputs and constants, and the outputs of these."""
+        x, v, d, _ = self.symbols()
+        q = ca.SX.sym("q", self.nq)
+        return x, v, d, q, self._outputs(x, v * ca.DM(self.scale), d, q[: self.np_])
 
     def step(self) -> ca.Function:
         """Function (x, u, d, p) -> (state after the step, outputs at its start)."""
@@ -329,9 +328,7 @@ class Horizon:
 
     def costs(self) -> tuple[ca.Function, ca.Function]:
         """Functions (x, v, d, q) and (x, d, q) -> cost of a stage and of the last one."""
-        x, u, d, _ = self.symbols()
-        q = ca.SX.sym("q", self.nq)
-        y = self._outputs(x, u * ca.DM(self.scale), d, q[: self.np_])
+        x, u, d, q, y = self.of_stage()
         excess = ca.sumsqr(ca.fmax(0, self._soft_rows(on_the_way(y), q)))
         stage = (ca.sumsqr(self._stage_rows(y, d, q)) + excess) / 2 + self._priced(y, d, q)
         end, layout = self.end()
@@ -344,9 +341,7 @@ class Horizon:
 
     def firm(self) -> tuple[ca.Function, ca.Function]:
         """Functions (x, v, d, q) and (x, d, q) -> excess of the hard limits, at most 0 if kept."""
-        x, u, d, _ = self.symbols()
-        q = ca.SX.sym("q", self.nq)
-        y = self._outputs(x, u * ca.DM(self.scale), d, q[: self.np_])
+        x, u, d, q, y = self.of_stage()
         still = {n: v for n, v in y.items() if not ca.depends_on(v, u)}
         rows, last = (self._soft_rows(v, q)[list(self.hard)] for v in (on_the_way(y), still))
         return (
@@ -358,9 +353,7 @@ class Horizon:
 
     def rows(self) -> tuple[ca.Function, tuple[Any, ...]]:
         """Function (x, v, d, q) -> column of H, g, c, C and w of a stage, and their sparsities."""
-        x, u, d, _ = self.symbols()
-        q = ca.SX.sym("q", self.nq)
-        y = self._outputs(x, u * ca.DM(self.scale), d, q[: self.np_])
+        x, u, d, q, y = self.of_stage()
         z = ca.vertcat(x, u)
         r, c = self._stage_rows(y, d, q), self._soft_rows(on_the_way(y), q)
         J, C = ca.jacobian(r, z), ca.jacobian(c, z)
@@ -373,16 +366,12 @@ class Horizon:
         column = layout.pack(pieces)
         letters = {**_short(y), "r": r, "J": J, "c": c, "C": C}
         found = [e for n, v in letters.items() for e in elements(n, v)]
-        f = function(
-            found, "rows", [x, u, d, q], [column], ["point", "control", "d", "q"], ["column"]
-        )
-        return f, layout.sparsity
+        names = ["point", "control", "d", "q"]
+        return function(found, "rows", [x, u, d, q], [column], names, ["column"]), layout.sparsity
 
     def end(self) -> tuple[ca.Function, Layout]:
         """Function (x, d, q) -> column of the last stage: H, g, c and C over the state alone."""
-        x, u, d, _ = self.symbols()
-        q = ca.SX.sym("q", self.nq)
-        y = self._outputs(x, u, d, q[: self.np_])
+        x, u, d, q, y = self.of_stage()
         r = self._last_rows(y, x, d, q)
         c = self._soft_rows({n: v for n, v in y.items() if not ca.depends_on(v, u)}, q)
         J, C = ca.jacobian(r, x), ca.jacobian(c, x)

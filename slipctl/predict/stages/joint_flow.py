@@ -110,9 +110,8 @@ def check_lag(
     f = model.f
     slopes = f.factory("slopes", ["x", "u", "p"], ["jac:n:x", "jac:n:u"])
     u = [_middle(s) for s in model.inputs.values()]
-    A, B = (
-        ca.DM(m).full() for m in slopes(model.pack("state", x), ca.DM(u), model.pack("param", p))
-    )
+    point = model.pack("state", x), ca.DM(u), model.pack("param", p)
+    A, B = (ca.DM(m).full() for m in slopes(*point))
     names = list(model.inputs)
     states = [(n, s.unit) for n, s in model.states.items() for _ in range(s.size)]
     for control in controls:

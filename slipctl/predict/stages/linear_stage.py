@@ -8,7 +8,7 @@ parameters and weights alone is computed once for all stages.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 
@@ -25,24 +25,14 @@ EXPLICIT = {"euler": ((), (1.0,)), "rk4": ((1 / 2, 1 / 2, 1.0), (1.0, 2.0, 2.0, 
 """Methods: how far each rate leads to the next one, and the weights of the rates."""
 
 
-class Linearised(NamedTuple):
-    """Functions of a stage.
-
-    Attributes:
-        once: Function q -> column of what all stages share.
-        stage: Function (x, v, d, that column, next x) -> column of a stage.
-        layout: how it is packed.
-        step: Function (x, v, d, that column) -> state after the stage.
-    """
-
-    once: ca.Function
-    stage: ca.Function
-    layout: Layout
-    step: ca.Function
-
-
-def stage_functions(where: str, problem: Horizon) -> Linearised:
+def stage_functions(
+    where: str, problem: Horizon
+) -> tuple[ca.Function, ca.Function, Layout, ca.Function]:
     """Functions of a stage of a problem.
+
+    Returns:
+        Function q -> column of what all stages share; Function (x, v, d, that column, next x) ->
+        column of a stage, and how it is packed; Function (x, v, d, that column) -> next x.
 
     Raises:
         BadInput: the plant cannot be differentiated, or the stage is too large.
@@ -51,10 +41,8 @@ def stage_functions(where: str, problem: Horizon) -> Linearised:
     rows, pieces = problem.rows()
     A, B = slope_sparsity(motion.sparsity_out(1), motion.sparsity_out(2), repeats)
     layout = Layout((A, B, ca.Sparsity.dense(problem.nx, 1), *pieces))
-    (once_motion, motion), (once_rows, rows) = (
-        split_by_inputs(motion, (3,)),
-        split_by_inputs(rows, (3,)),
-    )
+    once_motion, motion = split_by_inputs(motion, (3,))
+    once_rows, rows = split_by_inputs(rows, (3,))
     count = motion.n_instructions() * repeats + rows.n_instructions()
     if count > UNROLL:
         raise BadInput(
@@ -74,15 +62,12 @@ def stage_functions(where: str, problem: Horizon) -> Linearised:
     for _ in range(repeats - 1):
         after, F, G = motion(after, u, d, of_motion)
         S, Su = product(F, G, S, Su)
-    column = ca.vertcat(
-        ca.vec(S).nz[:], ca.vec(Su).nz[:], after - following, rows(x, u, d, of_rows)
-    )
+    packed = ca.vec(S).nz[:], ca.vec(Su).nz[:], after - following, rows(x, u, d, of_rows)
     names = ["point", "control", "d", "fixed"]
-    stage = ca.Function(
-        "stage", [x, u, d, c, following], [column], [*names, "point_after"], ["column"]
-    )  # fmt: skip
+    stage = ca.Function("stage", [x, u, d, c, following], [ca.vertcat(*packed)],
+                        [*names, "point_after"], ["column"])  # fmt: skip
     step = ca.Function("stage_step", [x, u, d, c], [after], names, ["point_next"])
-    return Linearised(once, stage, layout, step)
+    return once, stage, layout, step
 
 
 def motion_of(where: str, problem: Horizon) -> tuple[ca.Function, int]:

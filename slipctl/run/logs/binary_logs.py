@@ -97,9 +97,8 @@ def parquet(path: Path, wanted: Collection[str] | None) -> Columns:
         index = [n for n in (schema.pandas_metadata or {}).get("index_columns", ())
                  if isinstance(n, str)]  # fmt: skip
         names = [*index, *(n for n in schema.names if n not in index)]
-        pure = {n: _pure(n) for n in names}
         chosen = [n for k, n in enumerate(names)
-                  if k == 0 or is_time_name(n) or _asked(pure[n], wanted)]  # fmt: skip
+                  if k == 0 or is_time_name(n) or _asked(name_and_unit(n)[0], wanted)]  # fmt: skip
         found.others = [n for n in names if n not in chosen]
         _check_size(path, file.metadata.num_rows * len(chosen))
         table = file.read(columns=chosen)
@@ -114,11 +113,6 @@ def parquet(path: Path, wanted: Collection[str] | None) -> Columns:
     except Exception as error:  # whatever a damaged file makes of it
         raise _damaged(path, "Parquet", error) from None
     return found
-
-
-def _pure(name: str) -> str:
-    """Name of a column without its unit."""
-    return name_and_unit(name)[0]
 
 
 def _numbers(pyarrow: Any, column: Any) -> tuple[np.ndarray, str]:

@@ -16,6 +16,7 @@ from slipctl.block.units import unit_walk
 from slipctl.block.units.unit_algebra import factor, parse_quantity, refuse_count, si_text, unit
 from slipctl.errors import BadInput, nearest
 from slipctl.run.logs.recorded_log import Recording
+from slipctl.run.waveform import stretches
 from slipctl.tables.columns import expression_of, unit_of_column
 
 
@@ -110,10 +111,8 @@ def good_samples(
 
 def _longest(time: np.ndarray, empty: np.ndarray) -> float:
     """Longest stretch in s for which nothing was measured."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], empty, [False]]).astype(int)))
-    spans = zip(edges[::2], edges[1::2], strict=True)
-    last = len(time) - 1
-    return max(float(time[min(b, last)] - time[max(a - 1, 0)]) for a, b in spans)
+    begins, ends = stretches(empty)
+    return float((time[np.minimum(ends, len(time) - 1)] - time[np.maximum(begins - 1, 0)]).max())
 
 
 def resample_at(t: np.ndarray, x: np.ndarray, ticks: np.ndarray, rule: str) -> np.ndarray:
@@ -197,7 +196,7 @@ def source_of(block: Block, log: Recording, signal: Signal, text: str) -> Source
     """Read ``COLUMN``, ``COLUMN[unit]`` and arithmetic with columns, for a signal."""
     said = expression_of(text, log.table)
     if not said.columns:
-        log.find(re.split(r"\s*[\[*/+-]", text.strip())[0])
+        log.table.find(re.split(r"\s*[\[*/+-]", text.strip())[0])
     if said.plain:
         ((column, told),) = zip(said.columns.values(), said.told.values(), strict=True)
         return Source({"u": (column, _scale(block, log, signal, column, told))})

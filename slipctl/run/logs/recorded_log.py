@@ -125,14 +125,6 @@ class Recording:
         self.notes += [n for n in self.table.notes[known:] if n not in self.notes]
         return found
 
-    def find(self, name: str) -> str:
-        """Name of a column.
-
-        Raises:
-            BadInput: there is none, with the nearest.
-        """
-        return self.table.find(name)
-
 
 def read_recording(
     file: str | Path, time: str = "", gap: float | None = None,

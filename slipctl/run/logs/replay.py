@@ -10,16 +10,9 @@ import numpy as np
 
 from slipctl.block.block import Block
 from slipctl.block.transforms.discretisation import sampled
-from slipctl.errors import BadInput, Faults, check_positive, nearest
-from slipctl.run.logs.log_signals import (
-    BRIDGED,
-    Source,
-    apply_settings,
-    good_samples,
-    of_inputs,
-    of_results,
-    resample_at,
-)
+from slipctl.errors import BadInput, Faults, check_known, check_positive
+from slipctl.run.logs import log_signals
+from slipctl.run.logs.log_signals import Source
 from slipctl.run.logs.recorded_log import Recording
 from slipctl.run.rail import Scenario
 from slipctl.run.simulation import simulate
@@ -161,8 +154,7 @@ def replay(
         Faults: what is wrong with mapping and settings, all at once.
         BadInput: no tick fits, an unknown rule.
     """
-    if rule not in RULES:
-        raise BadInput(f"there is no rule {rule!r}{nearest(rule, RULES)}")
+    check_known("there is no rule", rule, RULES)
     if log.begins:
         row = f"{log.table.line} {log.table.lines[log.rows[log.begins[0]]]}"
         raise BadInput(f"{log.source}: the time goes back in {row}, where a further run begins;"
@@ -170,9 +162,9 @@ def replay(
     h = _tick(block, log, period)
     block = sampled(block, h, "rk4") if block.kind == "flow" else block
     block = with_period(block, h)
-    block, constants, faults = apply_settings(block, settings or {})
-    sources = of_inputs(block, log, mapping, constants, faults)
-    pairs = of_results(block, log, beside or {}, faults)
+    block, constants, faults = log_signals.apply_settings(block, settings or {})
+    sources = log_signals.of_inputs(block, log, mapping, constants, faults)
+    pairs = log_signals.of_results(block, log, beside or {}, faults)
     if faults:
         raise Faults(faults)
     for x in (*sources.values(), *pairs.values()):
@@ -181,7 +173,8 @@ def replay(
     gaps = log.gaps
     told = ", ".join(f"{a:.4g} .. {b:.4g} s" for a, b in gaps[:5])
     if gaps:
-        notes.append(f"{len(gaps)} gaps, {BRIDGED[rule]}: {told}" + ", ..." * (len(gaps) > 5))
+        bridged = log_signals.BRIDGED[rule]
+        notes.append(f"{len(gaps)} gaps, {bridged}: {told}" + ", ..." * (len(gaps) > 5))
     first, ticks, columns = _columns(block, log, sources, h, rule, notes)
     if ticks < 1:
         raise BadInput(f"{log.source}: the mapped columns have no stretch of a tick in common")
@@ -217,11 +210,15 @@ def _columns(
 ) -> tuple[float, int, dict[str, np.ndarray]]:  # fmt: skip
     """Start, number of ticks, and the inputs at the ticks."""
     values = block.param_values()
-    channels = {n: good_samples(block, log, n, x, values, rule, notes) for n, x in sources.items()}
+    channels = {
+        n: log_signals.good_samples(block, log, n, x, values, rule, notes)
+        for n, x in sources.items()
+    }
     first = max((float(t[0]) for t, _ in channels.values()), default=0.0)
     ticks = int(np.floor((float(log.time[-1]) - first) / h + 1e-6)) + 1
     at = first + h * np.arange(max(ticks, 0))
     if log.spacing < 0.5 * h:
         notes.append(f"samples every {log.spacing:.4g} s are resampled to ticks of {h:g} s, without"
                      " an anti-aliasing filter")  # fmt: skip
-    return first, ticks, {n: resample_at(t, x, at, rule) for n, (t, x) in channels.items()}
+    inputs = {n: log_signals.resample_at(t, x, at, rule) for n, (t, x) in channels.items()}
+    return first, ticks, inputs

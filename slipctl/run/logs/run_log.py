@@ -137,23 +137,17 @@ class Log(Mapping[str, np.ndarray]):
                 dims[-1] = s.axis
             variables[n] = (dims, self[n], attributes)
         loop, scenario = self.loop, self.scenario
-        parameters = {
-            n: {"value": np.asarray(v).tolist(), "unit": loop.params[n].unit}
-            for n, v in loop.param_values().items()
-        }
-        provenance: dict[str, Any] = {
-            "format": 1,
-            "slipctl_version": __version__,
-            "loop": loop.name,
-            "scenario": scenario.name,
-            "seed": scenario.seed,
-            "noise": scenario.noise,
-            "period_s": loop.period,
-            "rail_changes_s": scenario.changes,
-            "parameters": json.dumps(parameters),
-        }
+        parameters = {n: {"value": np.asarray(v).tolist(), "unit": loop.params[n].unit}
+                      for n, v in loop.param_values().items()}  # fmt: skip
+        period = loop.period
         if self._every > 1:
-            provenance["period_s"] = float(loop.period or 0.0) * int(self._every)
+            period = float(loop.period or 0.0) * int(self._every)
+        provenance: dict[str, Any] = {
+            "format": 1, "slipctl_version": __version__, "loop": loop.name,
+            "scenario": scenario.name, "seed": scenario.seed, "noise": scenario.noise,
+            "period_s": period, "rail_changes_s": scenario.changes,
+            "parameters": json.dumps(parameters),
+        }  # fmt: skip
         if lines := self.told():
             provenance["told"] = "\n".join(lines)
         if self.watched is not None:
@@ -200,11 +194,9 @@ class Rows:
         h = float(self._block.period or 0.0)
         u_log = self._u[np.ix_(rows, self._kept["input"])]
         values = {"input": u_log, **{role: v[:many] for role, v in self._logs.items()}}
-        made = Log(
-            self._block, self._scenario, rows * h, values, self._columns, self._first, self._every
-        )
+        of = self._block, self._scenario, rows * h
+        made = Log(*of, values, self._columns, self._first, self._every)
         if self._beside:
             seen = {role: v[:many] for role, v in self._watch.items()}
-            made.watched = Log(self._block, self._scenario, rows * h, seen, self._beside,
-                               self._first, self._every)  # fmt: skip
+            made.watched = Log(*of, seen, self._beside, self._first, self._every)
         return made

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slipctl.run.roles import Bounded, Names, Signals, first_of
-from slipctl.run.waveform import worst
+from slipctl.run.waveform import stretches, worst
 
 if TYPE_CHECKING:
     import xarray
@@ -150,8 +150,8 @@ class Run:
         )
         if error is None or lower is None or upper is None:
             return None
-        outside = np.atleast_1d(((error < lower) | (error > upper)).any(axis=1))
-        return int(outside[0]) + int(np.count_nonzero(outside[1:] & ~outside[:-1]))
+        outside = (error < lower) | (error > upper)
+        return len(stretches(np.any(outside, axis=1))[0])
 
     def span(self, start: float, stop: float) -> slice:
         """Ticks of the time from ``start`` up to, not including, ``stop`` [s]."""

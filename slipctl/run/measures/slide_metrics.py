@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from slipctl.run.measures.measured_run import LOCKED, MOVING, Definition, Metric, Run, entry
+from slipctl.run.waveform import stretches
 
 SLIDES: dict[str, Definition] = {}
 """What each metric of a slide is."""
@@ -30,17 +31,6 @@ def _rim(run: Run) -> np.ndarray | None:
     return np.asarray(v - slip * run.slip_sign)
 
 
-def _spans(true: np.ndarray) -> list[tuple[int, int, int]]:
-    """Axle, first tick and the one after the last, of each stretch of ticks that is true."""
-    edge = np.zeros((1, true.shape[1]), dtype=bool)
-    steps = np.diff(np.vstack([edge, true, edge]).astype(int), axis=0)
-    found = []
-    for axle in range(true.shape[1]):
-        begins, ends = np.flatnonzero(steps[:, axle] > 0), np.flatnonzero(steps[:, axle] < 0)
-        found += [(axle, int(a), int(b)) for a, b in zip(begins, ends, strict=True)]
-    return found
-
-
 def _longest(run: Run, share: float, of: np.ndarray) -> float | None:
     """Largest sum of a number per tick over a stretch where a rim is slower than a share of v."""
     rim, v = _rim(run), run.each("speed")
@@ -48,7 +38,8 @@ def _longest(run: Run, share: float, of: np.ndarray) -> float | None:
         return None
     slow = run.moving[:, None] & (np.abs(rim) < share * np.abs(v))
     whole = np.vstack([np.zeros((1, rim.shape[1])), np.cumsum(of + 0 * rim, axis=0)])
-    return max((float(whole[b, k] - whole[a, k]) for k, a, b in _spans(slow)), default=0.0)
+    spans = [(k, *stretches(column)) for k, column in enumerate(slow.T)]
+    return max(float((whole[b, k] - whole[a, k]).max(initial=0.0)) for k, a, b in spans)
 
 
 @_metric("longest way over which one axle is more than 30 % slower than the vehicle", "low")

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 from slipctl.block import portable
 from slipctl.errors import BadInput, RunFailed
-from slipctl.run import interrupts, machine
+from slipctl.run import machine
 from slipctl.run.sweep.sweep_plan import Plan
-from slipctl.run.sweep.sweep_store import Ended, Store
+from slipctl.run.sweep.sweep_store import Ended
 
 if TYPE_CHECKING:
     from slipctl.run.sweep.sweep_runs import Measured
@@ -71,10 +71,16 @@ def _measured(recipe: bytes) -> tuple[Measured, str]:
 
 
 def run_all(
-    run: Measured, plan: Plan, missing: Iterator[int], total: int, kept: Store, scheduler: str,
-    told: Mapping[str, Any], mixed: bool, progress: Callable[[float], None] | None,
+    run: Measured, plan: Plan, missing: Iterator[int], total: int,
+    keep: Callable[[list[Ended]], None], scheduler: str, told: Mapping[str, Any],
+    mixed: Callable[[list[str]], None] | None,
 ) -> None:  # fmt: skip
-    """Let workers roll what is missing, and write it as it arrives.
+    """Let workers roll what is missing, and keep it as it arrives.
+
+    Args:
+        run, plan, missing, total: what is rolled, and how much of it.
+        keep: keeps what ended. scheduler: its address. told: what the store says of the sweep.
+        mixed: told of processors of another kind; None refuses them.
 
     Raises:
         BadInput: the extra is missing, no scheduler answers, a worker of another machine.
@@ -82,11 +88,7 @@ def run_all(
     """
     client = _connected(scheduler)
     try:
-        _run_all(client, run, plan, missing, total, kept, told, mixed, progress)
-    except KeyboardInterrupt as error:
-        interrupts.note_interrupt()
-        error.args = (interrupts.KEPT,)
-        raise
+        _roll_all(client, run, plan, missing, total, keep, told, mixed)
     finally:
         client.close(timeout=ANSWER)
 
@@ -113,9 +115,10 @@ def _connected(scheduler: str) -> Any:
     return client
 
 
-def _run_all(
-    client: Any, run: Measured, plan: Plan, missing: Iterator[int], total: int, kept: Store,
-    told: Mapping[str, Any], mixed: bool, progress: Callable[[float], None] | None,
+def _roll_all(
+    client: Any, run: Measured, plan: Plan, missing: Iterator[int], total: int,
+    keep: Callable[[list[Ended]], None], told: Mapping[str, Any],
+    mixed: Callable[[list[str]], None] | None,
 ) -> None:  # fmt: skip
     from distributed import KilledWorker, as_completed
 
@@ -126,7 +129,7 @@ def _run_all(
     few = {k: told[k] for k in (*machine.versions(), "processor", "numbers")}
 
     def sent(runs: list[int]) -> Any:
-        future = client.submit(roll_on_worker, recipe, few, mixed, plan, runs, pure=False)
+        future = client.submit(roll_on_worker, recipe, few, bool(mixed), plan, runs, pure=False)
         batches[future.key] = runs
         return future
 
@@ -135,7 +138,7 @@ def _run_all(
             yield runs
 
     batches: dict[str, list[int]] = {}
-    more, ended, given_up = batch(), 0, 0
+    more, given_up = batch(), 0
     waiting = as_completed([sent(runs) for runs in islice(more, AHEAD * threads)], loop=client.loop)
     for future in waiting:
         runs = batches.pop(future.key)
@@ -154,12 +157,9 @@ def _run_all(
         refused, processor, found = future.result()
         if refused:
             raise BadInput(f"--scheduler: a worker {refused}")
-        kept.add(found)
+        keep(found)
         if mixed:
-            kept.tell_mixed([processor])
+            mixed([processor])
         future.release()
-        ended += len(found)
-        if progress:
-            progress(ended / max(total, 1))
         for runs in islice(more, 1):
             waiting.add(sent(runs))

@@ -16,7 +16,7 @@ import numpy as np
 from slipctl.block.block import Block
 from slipctl.block.shared_numbers import targets
 from slipctl.block.units.unit_algebra import parse_quantity
-from slipctl.errors import BadInput, check_kinds, nearest
+from slipctl.errors import BadInput, check_kinds, check_known, nearest
 from slipctl.run.metrics import Metric
 from slipctl.run.rail import Rail, Scenario
 from slipctl.run.results import Known
@@ -83,8 +83,7 @@ def read_ensemble(where: str, given: Any) -> Ensemble:
     if not isinstance(given, Mapping):
         raise BadInput(f"{where}: the ensemble is {given!r}; write a table with {', '.join(KEYS)}")
     for key in given:
-        if key not in KEYS:
-            raise BadInput(f"{where} has no entry {key!r} of an ensemble{nearest(key, KEYS)}")
+        check_known(f"{where} has no entry", key, KEYS, " of an ensemble")
     for key in ("draw", "scale"):
         rows = given.get(key, {})
         if not isinstance(rows, Mapping):
@@ -179,9 +178,8 @@ class World:
         for a in self.axes:
             if a.points is not None:
                 raise BadInput(f"the ensemble: draw {a.name}: write lo:hi, no number of values")
-        by_rail = {
-            n for group in rail_values(loop_at_start(loop, scenario), scenario) for n in group
-        }
+        groups = rail_values(loop_at_start(loop, scenario), scenario)
+        by_rail = {n for group in groups for n in group}
         self.factors = tuple(self._factor(loop, n, t, by_rail) for n, t in ensemble.scale.items())
         self.notes: tuple[str, ...] = ()
         if ensemble.seeds and not (scenario.noise and any(s.noise for s in loop.inputs.values())):
@@ -194,9 +192,8 @@ class World:
         now = loop.values_by_place()
         own = {n: now[n] for n in (*drawn, *free) if n in now and n not in by_rail}
         self.loop = loop = loop.with_params(**own) if own else loop
-        self.measured = Measured(
-            loop, scenario, signals or Signals(), self.known, (), compile, runs=MANY
-        )
+        roles = signals or Signals()
+        self.measured = Measured(loop, scenario, roles, self.known, (), compile, runs=MANY)
 
     def _factor(self, loop: Block, name: str, text: str, by_rail: set[str]) -> Factor:
         where = f"the ensemble: scale {name}"
@@ -230,12 +227,10 @@ class World:
 
     def draw(self, stream: int, k: int) -> Draw:
         """Draw number k of a stream, by seed, stream and number alone."""
-        random = np.random.Generator(
-            np.random.PCG64(np.random.SeedSequence([self.seed, stream, k]))
-        )
-        shares = random.random(len(self.axes) + len(self.factors))
-        drawn = {a.name: _within(a, s) for a, s in zip(self.ranges, shares, strict=True)}
-        return self.at(drawn, int(random.integers(2**31)))
+        rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([self.seed, stream, k])))
+        shares = rng.random(len(self.axes) + len(self.factors))
+        drawn = {a.name: a.at(s) for a, s in zip(self.ranges, shares, strict=True)}
+        return self.at(drawn, int(rng.integers(2**31)))
 
     def at(self, drawn: Mapping[str, float], noise: int) -> Draw:
         """Draw with these numbers and factors, all of :attr:`ranges`, and this seed."""
@@ -289,11 +284,9 @@ class World:
             RunFailed: a state became NaN or infinite.
         """
         given = {**draw.numbers, **numbers}
-        return self.measured.on(given, draw.scenario, draw.known, self.wanted)
-
-
-def _within(axis: Axis, share: float) -> float:
-    return float(axis.lo + (axis.hi - axis.lo) * share)
+        scenario = draw.scenario
+        log = self.measured.prepared(given, seed=scenario.seed, rail=scenario.rail)
+        return self.measured.metrics(log, scenario, draw.known, self.wanted)
 
 
 def _times(values: Any, by: float) -> float | Sequence[float]:

@@ -71,7 +71,7 @@ def value_in_run(name: str, metrics: Mapping[str, Any], row: int | None = None) 
     return float(value)
 
 
-def share_interval(hits: int, runs: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+def share_interval(hits: int, runs: int) -> tuple[float, float]:
     """Interval in which the true share lies, of so many hits in so many independent runs.
 
     Clopper and Pearson, Biometrika 26 (1934) 404-413: exact, whatever the share.
@@ -79,14 +79,13 @@ def share_interval(hits: int, runs: int, confidence: float = CONFIDENCE) -> tupl
     Args:
         hits: 0 to ``runs``.
         runs: 1 or more.
-        confidence: between 0 and 1.
 
     Returns:
         Lower and upper end.
     """
     from scipy.stats import beta
 
-    tail = (1 - confidence) / 2
+    tail = (1 - CONFIDENCE) / 2
     low = float(beta.ppf(tail, hits, runs - hits + 1)) if hits else 0.0
     high = float(beta.ppf(1 - tail, hits + 1, runs - hits)) if hits < runs else 1.0
     return low, high
@@ -113,9 +112,7 @@ class Kept:
     def __str__(self) -> str:
         low, high = (f"{100 * v:.3g}" for v in self.interval)
         worst = sorted(((n, k) for n, k in self.fails.items() if k), key=lambda f: -f[1])
-        failing = ", ".join(
-            f"{n}{' fails' if j == 0 else ''} {k}" for j, (n, k) in enumerate(worst)
-        )
+        failing = ", ".join(f"{n}{' fails' * (not j)} {k}" for j, (n, k) in enumerate(worst))
         return (
             f"{self.within} of {self.runs} within all limits, {low} to {high} % with"
             f" {100 * CONFIDENCE:g} % confidence" + (f"; {failing}" if failing else "")

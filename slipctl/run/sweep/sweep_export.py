@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 CHUNK = 2**24
 """Bytes of a signal that a batch of logs has at most, where fewer runs can be a batch."""
 
+NAN = "AAAAAAAA+H8="
+"""NaN as xarray writes a fill value into the attributes of Zarr: its bytes in base64."""
+
 ENDS = (".nc", ".zarr")
 """What the name of an export ends in."""
 
@@ -109,17 +112,9 @@ def _zarr(sweep: Sweep, path: Path) -> None:
             group.create_array(
                 name, shape=(*shape, ticks), chunks=(*_batch(sweep, ticks)[1], ticks), dtype="f8",
                 fill_value=np.nan, dimension_names=[*dims, "time"],
-                attributes={**about, "_FillValue": _nan()},
+                attributes={**about, "_FillValue": NAN},
             )  # fmt: skip
         _fill(sweep, ticks, lambda n, where, values: group[n].__setitem__(where, values))
-
-
-def _nan() -> str:
-    """NaN as xarray writes a fill value into the attributes of Zarr."""
-    import base64
-    import struct
-
-    return base64.standard_b64encode(struct.pack("<d", math.nan)).decode()
 
 
 def _time(sweep: Sweep, ticks: int) -> np.ndarray:

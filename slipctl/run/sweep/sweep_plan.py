@@ -45,6 +45,10 @@ class Axis:
     points: int | None
     unit: str
 
+    def at(self, share: float) -> float:
+        """Number at a share of the range."""
+        return float(self.lo + (self.hi - self.lo) * share)
+
     def told(self) -> list[Any]:
         """The axis as a store keeps it."""
         return [self.name, self.lo, self.hi, self.points, self.unit]
@@ -91,10 +95,8 @@ def _meant(name: str, loop: Block, scenario: Scenario, door: str) -> list[str]:
     """Parameters and start values that a name sets; refuses what has no effect."""
     found = targets(loop, name, ("param", "state"))
     if not found:
-        names = dict.fromkeys(
-            ".".join(n.split(".")[k:]) for n in (*loop.params, *loop.states)
-            for k in range(n.count("."), -1, -1)
-        )  # fmt: skip
+        names = dict.fromkeys(".".join(n.split(".")[k:]) for n in (*loop.params, *loop.states)
+                              for k in range(n.count("."), -1, -1))  # fmt: skip
         raise BadInput(f"{loop.name} has no parameter {name!r}{nearest(name, names)}")
     by_rail = {n for group in rail_values(loop_at_start(loop, scenario), scenario) for n in group}
     if ruled := [n for n in found if n in by_rail]:
@@ -177,11 +179,8 @@ class Plan:
             for a, k in zip(self.grid, where, strict=False)
         }
         if self.drawn:
-            shares = self._shares(run)
-            found |= {
-                a.name: float(a.lo + (a.hi - a.lo) * s)
-                for a, s in zip(self.drawn, shares, strict=True)
-            }
+            pairs = zip(self.drawn, self._shares(run), strict=True)
+            found |= {a.name: a.at(s) for a, s in pairs}
         return {a.name: found[a.name] for a in self.axes}
 
     def _shares(self, run: int) -> np.ndarray:
@@ -190,9 +189,8 @@ class Plan:
             return _sobol(many, self.seed, run // BATCH)[run % BATCH]
         if self.design == "lhs":
             return _latin(many, self.seed, self.size)[run]
-        return np.random.Generator(
-            np.random.PCG64(np.random.SeedSequence([self.seed, run]))
-        ).random(many)
+        rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([self.seed, run])))
+        return rng.random(many)
 
 
 @lru_cache(maxsize=4)
@@ -225,14 +223,9 @@ def _seeded(engine: Any, seed: int) -> dict[str, Any]:
 
 
 def plan_of(
-    loop: Block,
-    scenario: Scenario,
-    vary: Sequence[str] | Mapping[str, Sequence[float]],
-    samples: int = 1,
-    seed: int = 1,
-    design: str = "random",
-    more: Sequence[Axis] = (),
-) -> Plan:
+    loop: Block, scenario: Scenario, vary: Sequence[str] | Mapping[str, Sequence[float]],
+    samples: int = 1, seed: int = 1, design: str = "random", more: Sequence[Axis] = (),
+) -> Plan:  # fmt: skip
     """Plan of a sweep.
 
     Args:

@@ -31,15 +31,13 @@ def open_sweep(folder: str | Path) -> Sweep:
     Raises:
         BadInput: there is none.
     """
-    found = sweep_store.find(Path(folder))
-    try:
-        about, units = found.about(), found.units()
-        axes = tuple(Axis(*a) for a in about["vary"])
-        plan = Plan(axes, int(about["samples"]), int(about["seed"]), str(about["design"]))
-    except (KeyError, TypeError, ValueError) as error:
-        raise BadInput(f"{found.path} is no store of a sweep: {error}") from None
-    finally:
-        found.close()
+    with sweep_store.find(Path(folder)) as found:
+        try:
+            about, units = found.about(), found.units()
+            axes = tuple(Axis(*a) for a in about["vary"])
+            plan = Plan(axes, int(about["samples"]), int(about["seed"]), str(about["design"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise BadInput(f"{found.path} is no store of a sweep: {error}") from None
     return Sweep(Path(folder), about, plan, units)
 
 
@@ -66,13 +64,11 @@ class Sweep:
         Raises:
             BadInput: the store is damaged or gone.
         """
-        found = sweep_store.find(self.folder)
-        try:
-            return list(found.runs())
-        except (TypeError, ValueError) as error:
-            raise BadInput(f"{found.path} is no store of a sweep: {error}") from None
-        finally:
-            found.close()
+        with sweep_store.find(self.folder) as found:
+            try:
+                return list(found.runs())
+            except (TypeError, ValueError) as error:
+                raise BadInput(f"{found.path} is no store of a sweep: {error}") from None
 
     def _repr_html_(self) -> str:
         return registry.view(self, "html")
@@ -175,11 +171,7 @@ class Sweep:
         """
         import xarray
 
-        found = sweep_store.find(self.folder)
-        try:
-            arrays = found.log(run)
-        finally:
-            found.close()
+        arrays = next(self.logs([run]), (run, {}))[1]
         if not arrays:
             kept = self.about.get("logs")
             why = f"run {run} has not ended" if kept else "it was made without --log"
@@ -211,18 +203,12 @@ class Sweep:
 
     def logs(self, runs: Iterable[int]) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
         """Run and its signals over time, of those of these runs that kept some."""
-        found = sweep_store.find(self.folder)
-        try:
+        with sweep_store.find(self.folder) as found:
             for run in runs:
                 if arrays := found.log(run):
                     yield run, arrays
-        finally:
-            found.close()
 
     def longest(self) -> int:
         """Ticks of the longest log."""
-        found = sweep_store.find(self.folder)
-        try:
+        with sweep_store.find(self.folder) as found:
             return found.longest()
-        finally:
-            found.close()

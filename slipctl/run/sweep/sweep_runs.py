@@ -5,42 +5,33 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
-from threading import Event
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from slipctl.block.block import Block, as_block
-from slipctl.errors import BadInput, RunFailed, check_whole, nearest
+from slipctl.errors import BadInput, RunFailed, check_known, check_whole
 from slipctl.run import interrupts, machine
+from slipctl.run import metrics as measures
 from slipctl.run.logs.run_log import Log, log_columns
-from slipctl.run.metrics import (
-    AGAINST_OTHERS,
-    METRICS,
-    Run,
-    measure,
-    place,
-    rail_changes,
-    rail_names,
-)
-from slipctl.run.preparation import Prepared, prepare
+from slipctl.run.metrics import Run
+from slipctl.run.preparation import prepare
 from slipctl.run.rail import Scenario
 from slipctl.run.results import Known, known_column
 from slipctl.run.roles import Signals
 from slipctl.run.sweep import sweep_store
 from slipctl.run.sweep.sweep_plan import Plan, plan_of
 from slipctl.run.sweep.sweep_results import Sweep, open_sweep
-from slipctl.run.sweep.sweep_store import Ended, Store
+from slipctl.run.sweep.sweep_store import Ended
+from slipctl.run.sweep.threads import run_tasks
 
 if TYPE_CHECKING:
     from slipctl.run.sweep.ensemble import World
 
-MEASURED = tuple(n for n in METRICS if n not in AGAINST_OTHERS)
+MEASURED = tuple(n for n in measures.METRICS if n not in measures.AGAINST_OTHERS)
 """Metrics of a run that is alone: no other loop runs beside it."""
 
 
@@ -108,19 +99,31 @@ def sweep(
         plan.size,
     )  # fmt: skip
     told = _agreed(run, plan, seed, design, about)
-    kept = sweep_store.begin(Path(out), told, mixed=mixed)
-    try:
+    with sweep_store.begin(Path(out), told, mixed=mixed) as kept:
         done = kept.done()
         missing = (k for k in range(plan.size) if k not in done)
-        total = plan.size - sum(k < plan.size for k in done)
-        if scheduler:
-            from slipctl.run.sweep import cluster
+        total, ended = max(plan.size - sum(k < plan.size for k in done), 1), 0
 
-            cluster.run_all(run, plan, missing, total, kept, scheduler, told, mixed, progress)
-        else:
-            _run_all(run, plan, missing, total, kept, jobs or machine.cores(), progress)
-    finally:
-        kept.close()
+        def keep(found: list[Ended]) -> None:
+            nonlocal ended
+            kept.add(found)
+            ended += len(found)
+            if progress:
+                progress(ended / total)
+
+        try:
+            if scheduler:
+                from slipctl.run.sweep import cluster
+
+                mixed_of = kept.tell_mixed if mixed else None
+                cluster.run_all(run, plan, missing, total, keep, scheduler, told, mixed_of)
+            else:
+                cores = jobs or machine.cores()
+                run_tasks(missing, lambda k: run.ended(k, plan.numbers(k)), cores, keep)
+        except KeyboardInterrupt as error:
+            interrupts.note_interrupt()
+            error.args = (interrupts.KEPT,)
+            raise
     return open_sweep(out)
 
 
@@ -138,45 +141,6 @@ def _agreed(
         "log_units": {s.name: s.unit for s in run.loop.signals if s.name in run.logs},
         **({"ensemble": run.world.ensemble.told()} if run.world else {}),
     }  # fmt: skip
-
-
-def _run_all(
-    run: Measured, plan: Plan, missing: Iterator[int], total: int, kept: Store, jobs: int,
-    progress: Callable[[float], None] | None,
-) -> None:  # fmt: skip
-    """Roll what is missing on threads; this one alone writes, as runs end."""
-    ended, stop = 0, Event()
-
-    def one(k: int) -> Ended | None:
-        return None if stop.is_set() else run.ended(k, plan.numbers(k))
-
-    pool = ThreadPoolExecutor(jobs)
-    waiting: set[Future[Ended | None]] = {pool.submit(one, k) for k in islice(missing, 2 * jobs)}
-    try:
-        while waiting:
-            finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-            ended += _write(kept, finished)
-            waiting |= {pool.submit(one, k) for k in islice(missing, len(finished))}
-            if progress:
-                progress(ended / max(total, 1))
-    except BaseException as error:  # what was rolling is kept too
-        if isinstance(error, KeyboardInterrupt):
-            interrupts.note_interrupt()
-            error.args = (interrupts.KEPT,)
-        stop.set()
-        pool.shutdown(wait=True, cancel_futures=True)
-        _write(kept, {f for f in waiting if f.done() and not f.cancelled()})
-        raise
-    finally:
-        stop.set()
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _write(kept: Store, finished: Iterable[Future[Ended | None]]) -> int:
-    """Keep what ended; gives how many."""
-    found = [e for e in (f.result() for f in finished) if e is not None]
-    kept.add(found)
-    return len(found)
 
 
 @dataclass(frozen=True)
@@ -244,7 +208,7 @@ class Measured:
         asked = [k for k in self.known.values() if callable(k.values)]
         reads = [n for k in asked for n in k.reads]
         wanted = self._read(reads) if all(k.reads for k in asked) else None
-        self._run = prepare(
+        self.prepared = prepare(
             self.loop, self.scenario, compile=self.compile, log=wanted, runs=self.runs
         )
         last = {s.name: s.name.rpartition(".")[2] for s in self.loop.signals}
@@ -254,10 +218,7 @@ class Measured:
             if s.role != "param" and last[s.name] != "tick" and not last[s.name].startswith("held_")
         }
         for name in self.logs:
-            if name not in there:
-                raise BadInput(
-                    f"{self.loop.name} has no signal {name!r} to log{nearest(name, there)}"
-                )
+            check_known(f"{self.loop.name} has no signal", name, there, " to log")
             if there[name].shape:
                 raise BadInput(f"{name} has shape {there[name].shape}; --log keeps single numbers")
 
@@ -278,35 +239,23 @@ class Measured:
         """Roll and measure; a run that breaks says why."""
         try:
             if self.world is None:
-                log = self._run(numbers)
+                log = self.prepared(numbers)
                 found = self.metrics(log)
             else:
                 given, draw = self.world.run(numbers, run)
-                log = self._run(given, seed=draw.scenario.seed, rail=draw.scenario.rail)
+                log = self.prepared(given, seed=draw.scenario.seed, rail=draw.scenario.rail)
                 found = self.metrics(log, draw.scenario, draw.known)
             kept = {n: np.array(log[n]) for n in self.logs}
             return Ended(run, numbers, found, logs=kept)
         except (BadInput, RunFailed) as error:
             return Ended(run, numbers, failed=str(error))
 
-    def on(
-        self, numbers: Mapping[str, float], scenario: Scenario, known: Mapping[str, Known],
-        wanted: Sequence[str] | None = None,
-    ) -> dict[str, Any]:  # fmt: skip
-        """Metrics with the seed and the rail of another scenario, and what is known of it.
-
-        Raises:
-            BadInput, RunFailed: as the run does.
-        """
-        log = self._run(numbers, seed=scenario.seed, rail=scenario.rail)
-        return self.metrics(log, scenario, known, wanted)
-
     def metrics(
         self, log: Log, scenario: Scenario | None = None, known: Mapping[str, Known] | None = None,
         wanted: Sequence[str] | None = None,
     ) -> dict[str, Any]:  # fmt: skip
         """Metrics of a log; of another scenario and what is known of it, where they are given."""
-        return measure(self.seen(log, scenario, known), wanted or MEASURED)
+        return measures.measure(self.seen(log, scenario, known), wanted or MEASURED)
 
     def seen(
         self, log: Log, scenario: Scenario | None = None, known: Mapping[str, Known] | None = None
@@ -315,18 +264,13 @@ class Measured:
         scenario = scenario or self.scenario
         seen: Any = _Seen(log, float(self.loop.period or 0.0))
         rail = scenario.rail
-        where = None if rail is None else place(seen, rail, self.signals)
+        where = None if rail is None else measures.place(seen, rail, self.signals)
         for name, known_ in (self.known if known is None else known).items():
             whole: Any = log.dataset() if callable(known_.values) and not known_.reads else log
             seen.add(name, known_column(known_, rail, where, whole), known_.unit)
-        changes = rail_changes(seen, scenario, self.signals)
-        names = rail_names(scenario, changes)
+        changes = measures.rail_changes(seen, scenario, self.signals)
+        names = measures.rail_names(scenario, changes)
         return Run(seen, self.signals, changes, rails=names)
-
-    @property
-    def prepared(self) -> Prepared:
-        """What rolls."""
-        return self._run
 
     def fingerprint(self) -> str:
         """Hash of the loop's own run: its numbers, its inputs, and how this machine computes."""

@@ -116,6 +116,12 @@ class Store:
         self.path, self._db = path, connection
         self.lock: FolderLock | None = None
 
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def close(self) -> None:
         """Close it, and let others write."""
         self._db.close()

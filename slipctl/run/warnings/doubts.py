@@ -14,7 +14,7 @@ from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.block.units.unit_algebra import read_unit
 from slipctl.run.rail import Scenario
 from slipctl.run.scenario_inputs import rail_values
-from slipctl.run.warnings.wheels import longest_span, watched_wheels
+from slipctl.run.warnings.wheels import columns, longest_span, watched_wheels
 
 AWAY = 3.0
 """Deviations within which an honest estimate is: beyond one it is a third of the time."""
@@ -185,7 +185,7 @@ def _span(
     bare = not loop.states[n].shape or one.ndim == 1
     if not bare and (len(s.truth) > 1 or one.shape[1] == 1):
         one, sure = one[:, k], sure[:, k]
-    one, truth, sure = np.broadcast_arrays(*map(_columns, (one, truth, sure)))
+    one, truth, sure = np.broadcast_arrays(*map(columns, (one, truth, sure)))
     beyond = (np.abs(one - truth) > AWAY * sure) & (sure > 0)
     spans = [longest_span(column) for column in beyond.T]
     axle = int(np.argmax([b - a for a, b in spans]))
@@ -214,11 +214,6 @@ def _estimated(loop: Block, s: Signal, text: str, name: str) -> str:
     signal = (loop.outputs.get(truth) or loop.declared(truth)) if truth else None
     doc = signal.doc.partition(",")[0].rpartition(": ")[2] if signal else ""
     return doc or text
-
-
-def _columns(values: np.ndarray) -> np.ndarray:
-    """Rows of a run, a column per axle."""
-    return values if values.ndim > 1 else values.reshape(-1, 1)
 
 
 def _deviations(
@@ -291,7 +286,7 @@ def _limited(loop: Block, log: Values) -> Iterator[str]:
     for n, ends in _limits(loop):
         if n not in log:
             continue
-        values = _columns(np.asarray(log[n], dtype=float))
+        values = columns(log[n])
         active, limit = np.zeros(values.shape, dtype=bool), ""
         for text, place in ends.items():
             end = np.asarray(params[place], dtype=float) * (-1 if text[0] == "-" else 1)

@@ -41,9 +41,8 @@ def warnings_of_starts(loop: Block, scenario: Scenario, known: Known) -> list[st
     if not judged:
         return []
     own = {n.rpartition(".")[0] for n in judged}
-    found = {
-        (n, text): meant_signals(loop, s, text, own) for n, s in judged.items() for text in s.truth
-    }
+    pairs = [(n, s, text) for n, s in judged.items() for text in s.truth]
+    found = {(n, text): meant_signals(loop, s, text, own) for n, s, text in pairs}
     told = {key: names for key, names in found.items() if all(names.values())}
     full = {str(k) for names in told.values() for k in names.values()}
     values = _values(loop, scenario, full, known) if full else {}

@@ -17,6 +17,7 @@ from slipctl.block.block import Block
 from slipctl.block.reach import slip_input
 from slipctl.run.rail import Scenario
 from slipctl.run.scenario_inputs import rail_values
+from slipctl.run.waveform import stretches
 
 SPINS = 20.0
 """Creep in m/s from which a driven wheel is one that nothing holds: no slip law goes there."""
@@ -116,7 +117,7 @@ def _slides(loop: Block, log: Values) -> Iterator[str]:
         if name not in log:
             continue
         signal = {**loop.outputs, **loop.states}[name]
-        slip, unit = _columns(log[name]), "" if signal.unit == "1" else f" {signal.unit}"
+        slip, unit = columns(log[name]), "" if signal.unit == "1" else f" {signal.unit}"
         turn = -1 if signal.positive == "braking" else 1
         if signal.per == "speed" and (turn * slip).max() > SPINS:
             k, axle = np.unravel_index(int(np.argmax(turn * slip)), slip.shape)
@@ -155,7 +156,8 @@ def _of_axle(axle: Any, columns: np.ndarray) -> str:
     return f" of axle {int(axle) + 1}" if columns.shape[1] > 1 else ""
 
 
-def _columns(values: Any) -> np.ndarray:
+def columns(values: Any) -> np.ndarray:
+    """Values over time, a column per axle."""
     found = np.asarray(values, dtype=float)
     return found if found.ndim > 1 else found.reshape(-1, 1)
 
@@ -170,7 +172,7 @@ def _held(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
     command = log.get("plant.T" if valves else "ctl.T_cmd")
     if command is None or not all(n in log for n in names):
         return
-    command = _columns(command)
+    command = columns(command)
     demand, _, v = (np.asarray(log[n], dtype=float) for n in names)
     carried = _carried(loop, scenario, log)
     if carried is None:
@@ -183,7 +185,7 @@ def _held(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
     held = (command < BELOW * asked) & (asked <= BELOW * carried)
     held &= np.abs(v).reshape(-1, 1) > 0.1
     if valves:
-        held = _first_to_last(held, _columns(log["ctl.hold"]) > 0.5)
+        held = _first_to_last(held, columns(log["ctl.hold"]) > 0.5)
     spans = [longest_span(column) for column in held.T]
     axle = int(np.argmax([b - a for a, b in spans]))
     a, b = spans[axle]
@@ -253,8 +255,7 @@ def _carried(loop: Block, scenario: Scenario, log: Values) -> np.ndarray | None:
 
 def longest_span(true: np.ndarray) -> tuple[int, int]:
     """First row, and the one after the last, of the longest stretch that is true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(int)))
-    begins, ends = edges[::2], edges[1::2]
+    begins, ends = stretches(true)
     if not begins.size:
         return 0, 0
     k = int(np.argmax(ends - begins))
@@ -270,7 +271,7 @@ def _ended_releases(log: Values, gets: str = "the demand") -> Iterator[str]:
     for name, (whose, key) in RELEASES.items():
         if name not in log:
             continue
-        given = _columns(log[name]) > 0.5
+        given = columns(log[name]) > 0.5
         own = given & ~train[:, None]  # the train's limit ends that of each axle, too
         begins = own & ~np.vstack([np.zeros_like(own[:1]), own[:-1]])
         train = train | given.any(axis=1) if name == "ctl.trust.retry" else train
