@@ -458,6 +458,24 @@ def test_letters_alone_are_no_difference():
     assert "Equations" not in text
 
 
+def test_equations_behind_one_that_is_the_same_are_compared_too():
+    @law(p=Output("m"), q=Output("m"), r=Output("m"))
+    def first(a=Input("m", ""), b=Input("1", "")):
+        """Three products."""
+        return dict(p=a * b, q=2 * a, r=a * b * b)
+
+    @law(p=Output("m"), q=Output("m"), r=Output("m"))
+    def second(a=Input("m", ""), b=Input("1", "")):
+        """Three products."""
+        return dict(p=a * b, q=3 * a, r=a * b * b)
+
+    text = show.difference(first, second.renamed("first"))
+    assert "- q = 2*a" in text
+    assert "+ q = 3*a" in text
+    assert "p =" not in text
+    assert "r =" not in text
+
+
 def test_parts_wires_and_signals_that_come_and_go():
     wires = {"a.v_s": "v"}
     one_part = connect("c", wires, a=curve)
