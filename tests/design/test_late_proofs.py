@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from slipctl.certify import catalogue
-from slipctl.certify.promise import CERTIFIED
+from slipctl.certify.promise import CERTIFIED, UNDECIDED
 from slipctl.commands.cli import main
+from slipctl.design import promises
 from slipctl.design.promises import Promises
 from slipctl.study import resolve
 from slipctl.study.request import Request
@@ -59,6 +61,27 @@ def _here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "wsp.toml").write_text(MACHINE, encoding="utf-8")
     (tmp_path / "t.toml").write_text(leaves_trip(ACTUATOR, REST), encoding="utf-8")
+
+
+@pytest.mark.parametrize("last", [True, False])
+def test_a_margin_is_that_up_to_which_every_one_is_proved(last, monkeypatch):
+    """What is proved beyond a gap counts for nothing, in steps and in halvings."""
+    gains = SimpleNamespace(name="stable")
+    asked = Promises((gains,), kept=("stable",))
+    monkeypatch.setattr(promises, "is_last", lambda of: last)
+
+    def margin(*gaps):
+        def verdict(self, of, loop, m=1.0):
+            return UNDECIDED if any(a <= m < b for a, b in gaps) else CERTIFIED
+
+        monkeypatch.setattr(Promises, "verdict", verdict)
+        return asked.margin(gains, None)
+
+    assert margin() == (promises.MARGINS[-1] if last else promises.FARTHEST)
+    assert margin((0.0, 1.1)) == 0
+    assert margin((1.2, 1.3)) == (1.0 if last else promises.FARTHEST)
+    assert margin((1.3, 1e9)) == (1.25 if last else pytest.approx(1.3, rel=0.01))
+    assert margin((1.3, 5.0), (6.0, 7.0)) == (1.25 if last else pytest.approx(1.3, rel=0.01))
 
 
 @pytest.mark.long
