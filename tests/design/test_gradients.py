@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -198,3 +199,23 @@ def test_it_says_why_there_is_no_slope() -> None:
     found = tuned(goal="speed_error_max", runs=20)
     assert found.polished is not None
     assert found.polished.text() == "no exact gradient: speed_error_max has no slope"
+
+
+@pytest.mark.parametrize("name", ["v", "w", "x", "nobody"])
+def test_a_signal_is_seeded_once_where_a_state_and_an_output_have_one_name(name: str) -> None:
+    """As an output, if it is one; what the loop does not compute has no slope."""
+
+    @step(period=0.1, w=Output("m"), v=Output("m"))
+    def both(x=State("m", 0.0), v=State("m", 0.0)):
+        return dict(x=x, v=v), dict(w=x, v=v)
+
+    slope = np.arange(3.0)
+    run = SimpleNamespace(signals=SimpleNamespace(find=lambda role, log: name), log=None)
+    whole = SimpleNamespace(x=np.zeros((3, 2)), y=np.zeros((3, 2)))
+    laid = Slopes._laid(SimpleNamespace(loop=both), whole, run, [("role", slope)])  # type: ignore[arg-type]
+    at = {"w": (1, 0), "v": (1, 1), "x": (0, 0)}
+    wanted = [np.zeros((3, 2)), np.zeros((3, 2))]
+    if name in at:
+        which, column = at[name]
+        wanted[which][:, column] = slope
+    assert np.array_equal(laid, wanted)
