@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from decimal import Decimal, localcontext
 from fractions import Fraction
+from itertools import permutations
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,12 +13,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slipctl.certify import smtlib
+from slipctl.certify import proofs, smtlib
 from slipctl.certify.arithmetic.interval_arrays import Boxes
-from slipctl.certify.arithmetic.whole_boxes import WholeBoxes
+from slipctl.certify.arithmetic.whole_boxes import ONE, WholeBoxes
 from slipctl.certify.bounds import linear_kind
-from slipctl.certify.cells import mode_cells
+from slipctl.certify.cells import mode_cells, mode_proofs, mode_runs
 from slipctl.certify.cells.mode_cells import ModeLoop
+from slipctl.certify.entries import DoesNotHold
+from slipctl.certify.smooth import linear_runs
+from slipctl.certify.ticks.tick_code import TickCode
 from slipctl.models.cheng_2022.certificate import dither, dither_push, dither_search, dithering_kind
 from slipctl.models.vehicle.certificate import own_gains
 
@@ -125,3 +130,147 @@ def test_what_a_law_is_told_moves_the_slip_as_it_is_told():
         assert float(rises) == pytest.approx(0, abs=1e-12)
         more = own_gains.rising(T=still + 100, D=D + wrong, J=numbers["J"], r=numbers["r"])
         assert float(more["rises"]) == pytest.approx(100 * numbers["r"] / numbers["J"])
+
+
+@given(st.floats(-25, 25))
+def test_a_logarithm_in_whole_numbers_is_that_of_decimals(x):
+    value = F(math.exp(x))
+    found = WholeBoxes.of_ends(np.array([float(value)]), np.array([float(value)])).ln()
+    with localcontext() as context:
+        context.prec = 60
+        true = (Decimal(value.numerator) / Decimal(value.denominator)).ln() * ONE
+    low, high = int(found.low[0]), int(found.high[0])
+    assert low <= true <= high
+    assert high - low <= ONE // 10**9
+
+
+# ---- searches ------------------------------------------------------------------------------------
+
+
+def searched(monkeypatch, found, bounds, sizes=4, work=900):
+    """Grids that a search tries, of such as cost 1 each; what it says."""
+    loop = SimpleNamespace(reals=("e",), watched=("e",), sizes=())
+    runs = SimpleNamespace(low=np.zeros(1), high=np.ones(1))
+    tried = []
+
+    def grown(loop, bounds, runs, sizes, left):
+        tried.append(len(tried))
+        one = found[tried[-1]]
+        if isinstance(one, Exception):
+            raise one
+        reach, price = one
+        left.left -= price
+        return SimpleNamespace(reach=SimpleNamespace(high={"e": reach}), runs=runs)
+
+    monkeypatch.setattr(mode_proofs, "CELLS", {1: tuple(range(1, sizes + 1))})
+    monkeypatch.setattr(mode_proofs, "_spans", lambda *given: [np.ones(1)])
+    monkeypatch.setattr(mode_proofs, "_grown", grown)
+    try:
+        return tried, mode_proofs.find_cells(loop, bounds, runs, work).reach.high["e"]
+    except mode_proofs.NoProof as error:
+        return tried, str(error)
+
+
+def test_a_grid_that_fails_ends_no_search_and_the_first_reason_is_told(monkeypatch):
+    bound = {"e": (None, F(5))}
+    fails = [mode_proofs.NoProof("first"), ArithmeticError("second")]
+    assert searched(monkeypatch, [*fails, (4.0, 1)], bound) == ([0, 1, 2], 4.0)
+    assert searched(monkeypatch, [*fails, *fails], bound) == ([0, 1, 2, 3], "first")
+
+
+def test_finer_grids_are_tried_as_long_as_they_are_worth_it(monkeypatch):
+    """Where nothing is bounded: while they gain, and while there is work left for three more."""
+    free = {"e": (None, None)}
+    assert searched(monkeypatch, [(4.0, 1)] * 4, {"e": (F(-9), F(9))}) == ([0], 4.0)
+    gains = [(4.0, 1), (3.0, 1), (2.0, 1), (1.5, 1)]
+    assert searched(monkeypatch, gains, free) == ([0, 1, 2, 3], 1.5)
+    assert searched(monkeypatch, [(4.0, 1), (3.99, 1), (2.0, 1)], free) == ([0, 1], 3.99)
+    assert searched(monkeypatch, [(4.0, 300), (3.0, 1)], free) == ([0], 4.0)
+
+
+@pytest.mark.parametrize("names", [("beside", "e"), ("e", "beside")])
+def test_what_a_run_leaves_is_not_looked_for_whatever_else_is_bounded(monkeypatch, names):
+    """A further output is bounded too, before or behind it."""
+    bounds = {n: (None, F(1, 2)) for n in names}
+    assert searched(monkeypatch, [(4.0, 1)], bounds) == ([], "a run comes to e = 1")
+
+
+def test_a_run_that_is_over_does_not_come_back():
+    """1/0 is infinite, and 1/infinity would be a number again."""
+    steps = (("const", F(1)), ("div", 1, 0), ("const", F(5)), ("sub", 2, 3))
+    code = TickCode(("x_e",), steps, {"e": 4})
+    loop = ModeLoop(code, ("e",), (), ((F(0), F(0)),), (), {}, ("e",))
+    found = mode_runs.worst_runs(loop, 6)
+    assert (found.low[0], found.high[0]) == (0.0, 0.0)
+    assert not found.visited
+
+
+@pytest.mark.parametrize("back", [0.0, 3.0])
+def test_a_run_through_infinity_leaves_no_bound(back):
+    """Of a loop that is linear at rest, and far off it no number, and then one again."""
+
+    def step(x, d):
+        value = 0.9 * x[0] + d[0]
+        if abs(value) > 1:
+            value = math.inf if math.isfinite(x[0]) and x[0] < 5 else back
+        return [back if math.isinf(x[0]) else value]
+
+    sizes = ([0.0], [0.5])
+    assert linear_runs.summed_run(step, [0.0], sizes, 0, 2.0, [40]) is None
+    first, pushes = linear_runs.summed_run(step, [0.0], sizes, 0, 0.9, [40, 10])
+    x = [0.0]
+    for sign in pushes:
+        x = step(x, [float(0.5 * s) for s in sign])
+    assert 0.9 < abs(x[0]) <= 1
+    assert len(first) == 1
+
+
+@pytest.mark.parametrize("order", permutations(["none", "fails", "leaves", "of another"]))
+def test_a_search_that_finds_no_run_ends_no_search_for_a_counterexample(monkeypatch, order):
+    """The first run that leaves is told, whatever was searched before it."""
+
+    def replay(numbers, found):
+        if found["by"] == "fails":
+            raise DoesNotHold("no")
+        return f"shown by {found['by']}"
+
+    def refuter(name):
+        target = "other" if name == "of another" else "stays"
+        found = None if name == "none" else {"by": name}
+        return SimpleNamespace(target=target, replay=replay, quick=None, find=lambda n: found)
+
+    monkeypatch.setattr(proofs, "trusted_criteria", lambda system, numbers: {})
+    monkeypatch.setattr(proofs, "refuters", lambda system: {n: refuter(n) for n in order})
+    system = SimpleNamespace(inputs=lambda n: set(), clauses=lambda n: {"stays": 1, "other": 2})
+    found, shows = proofs.counterexample(system, {}, ["stays"])
+    assert (found["by"], found["clause"], shows) == ("leaves", "stays", "shown by leaves")
+    assert proofs.counterexample(system, {}, ["stays"], quick=True) == (None, "")
+
+
+@pytest.mark.parametrize("every", [False, True])
+def test_a_clause_is_proved_by_the_first_criterion_that_does_unless_all_are_asked(
+    monkeypatch, every
+):
+    """A criterion without a proof ends nothing; each is tried once."""
+    tried = []
+    criteria = {n: SimpleNamespace(proves=["a", "b"], covers=["w"], name=n) for n in "xyz"}
+    monkeypatch.setattr(proofs, "trusted_criteria", lambda system, numbers: criteria)
+    monkeypatch.setattr(proofs, "counterexample", lambda *given, **named: (None, ""))
+    monkeypatch.setattr(proofs, "promise_of_system", lambda system, numbers, by: sorted(by))
+    monkeypatch.setattr(
+        proofs, "_try",
+        lambda c, numbers: tried.append(c.name) or (None if c.name == "x" else {"by": c.name}),
+    )  # fmt: skip
+    system = SimpleNamespace(inputs=lambda n: {"w"}, clauses=lambda n: {"a": 1, "b": 2})
+    found = proofs.decide(system, {}, every)
+    assert (found.verdict, found.promise) == ("CERTIFIED", ["a", "b"])
+    assert list(found.proofs) == tried[1:] == (["y", "z"] if every else ["y"])
+
+
+def test_the_run_of_an_unstable_loop_behind_a_lag_ends_where_it_is_far():
+    n = {"K": 300.0, "lag": 0.01, "T": 0.01}
+    witness = linear_kind._lag_witness(n)
+    e = np.abs(witness.trajectory["e"][1])
+    assert e[-1] > 1e6 >= e[:-1].max()
+    steady = linear_kind._lag_witness(n | {"K": 1.0})
+    assert len(steady.trajectory["e"][1]) > 1000

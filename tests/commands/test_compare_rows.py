@@ -2,6 +2,7 @@
 
 import math
 import time
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -116,6 +117,21 @@ def test_sides_of_which_some_runs_alone_reach_a_metric_differ():
         compare._row([*sides, sides[1]], ["s/x"] * 3, "m")]}))  # fmt: skip
     assert "never (never .. never), 3 never" in told
     assert "-inf" in told
+
+
+@pytest.mark.parametrize("order", permutations(["none", "never", "draws", "far"]))
+def test_a_side_without_a_metric_ends_no_row(order):
+    """Each side behind the first has its difference, whatever stands before it."""
+    first = Side("a", metrics={"s/x": {"m": np.array([math.inf])}}, draws=["one"])
+    values = {"none": {}, "never": {"m": np.array([math.inf])}, "draws": {"m": np.array([2.0])},
+              "far": {"m": np.array([3.0])}}  # fmt: skip
+    sides = [Side(n, metrics={"s/x": values[n]}, draws=["one"] * (n == "draws")) for n in order]
+    row = compare._row([first, *sides], ["s/x"] * 5, "m")
+    found = dict(zip(order, row["difference"], strict=True))
+    assert found == {"none": None, "never": None, "draws": -math.inf, "far": -math.inf}
+    assert [p is not None for p in row["paired"]] == [n == "draws" for n in order]
+    assert dict(zip(order, row["beyond_spread"], strict=True)) == {
+        "none": False, "never": False, "draws": True, "far": True}  # fmt: skip
 
 
 def test_sides_have_a_letter_each_and_beyond_z_a_number():
