@@ -13,15 +13,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slipctl.certify import proofs, smtlib
+from slipctl.certify import margins, proofs, smtlib
 from slipctl.certify.arithmetic.interval_arrays import Boxes
 from slipctl.certify.arithmetic.whole_boxes import ONE, WholeBoxes
 from slipctl.certify.bounds import linear_kind
 from slipctl.certify.cells import mode_cells, mode_proofs, mode_runs
 from slipctl.certify.cells.mode_cells import ModeLoop
 from slipctl.certify.entries import DoesNotHold
+from slipctl.certify.promise import Number, exact_numbers
 from slipctl.certify.smooth import linear_runs
 from slipctl.certify.ticks.tick_code import TickCode
+from slipctl.errors import BadInput
 from slipctl.models.cheng_2022.certificate import dither, dither_push, dither_search, dithering_kind
 from slipctl.models.vehicle.certificate import own_gains
 
@@ -274,3 +276,58 @@ def test_the_run_of_an_unstable_loop_behind_a_lag_ends_where_it_is_far():
     assert e[-1] > 1e6 >= e[:-1].max()
     steady = linear_kind._lag_witness(n | {"K": 1.0})
     assert len(steady.trajectory["e"][1]) > 1000
+
+
+@pytest.mark.parametrize("bounded", [False, True])
+def test_a_run_beyond_its_bound_ends_the_search_for_a_farther_one(bounded):
+    """e adds up what pushes: the first runs are far beyond 1."""
+    code = TickCode(("x_e", "d_w"), (("add", 0, 1),), {"e": 2})
+    loop = ModeLoop(code, ("e",), (), ((F(0), F(0)),), (), {"w": (F(-1), F(1))}, ("e",))
+    bounds = {"e": (F(-1), F(1))} if bounded else None
+    found = mode_runs.worst_runs(loop, 5, bounds=bounds)
+    assert found.ended is bounded
+    generations = 1 + 1 if bounded else mode_runs.GENERATIONS + 2
+    assert len(found.visited) == 5 * generations
+    assert all(found.worst["e", side][0] * side > 1 for side in (-1, 1))
+
+
+OPTIONAL = [("told", F(1, 2)), ("optional", None), ("default", 0.25)]
+
+
+@pytest.mark.parametrize("order", permutations(OPTIONAL))
+def test_a_number_that_is_not_told_hides_none_behind_it(monkeypatch, order):
+    """One that may be left out, wherever it stands, in a file and in what is asked."""
+    kinds = {"told": Number("1", ""), "optional": Number("1", "", optional=True),
+             "default": Number("m", "", 0.25)}  # fmt: skip
+    system = SimpleNamespace(name="own", numbers={n: kinds[n] for n, _ in order},
+                             guard=lambda numbers: None)  # fmt: skip
+    wanted = {"told": F(1, 2), "default": F(1, 4)}
+    assert exact_numbers(system, {"told": F(1, 2)}) == wanted
+    entries = {"told": {"value": "1/2", "unit": "1"}, "default": {"value": "1/4", "unit": "m"}}
+    assert proofs._numbers(system, {n: entries[n] for n, _ in order if n in entries}) == wanted
+    with pytest.raises(BadInput, match=r"asked\.default is missing"):
+        proofs._numbers(system, {"told": entries["told"]})
+
+
+@given(st.floats(-6, 6), st.floats(-4, 4), st.booleans())
+def test_the_end_of_what_holds_is_found_from_either_side(edge, off, up):
+    """The edge itself holds; a value is on its side or up to 1e4 beyond it."""
+    edge, value = 10.0**edge, 10.0 ** (edge + off)
+    holds = (lambda x: x <= edge) if up else (lambda x: x >= edge)
+    assert margins.end(holds, value, up) == edge
+    assert margins.end(lambda x: holds(-x), -value, not up) == -edge
+    assert margins.end(lambda x: False, value, up) is None
+    assert margins.end(lambda x: True, value, up) == (math.inf if up else 0.0)
+
+
+@pytest.mark.parametrize("order", permutations(range(3)))
+def test_a_verdict_that_goes_by_the_unit_is_found_on_any_panel(order):
+    """One whose numbers are not all there says nothing."""
+    panel = [{"a": 1.0}, {"a": 1e9, "b": 1.0}, {"a": 1.0, "b": 1.0}]
+    criterion = SimpleNamespace(sides=1, needs=("a", "b"), holds=lambda n: n["a"] < 10 * n["b"])
+    number = {"a": SimpleNamespace(value=None, power=1), "b": SimpleNamespace(value=None, power=0)}
+    system = SimpleNamespace(criteria={"c": criterion}, numbers=number,
+                             panel=[panel[k] for k in order])  # fmt: skip
+    assert margins.unit_dependent(system, "c")
+    number["b"].power = 1
+    assert not margins.unit_dependent(system, "c")
