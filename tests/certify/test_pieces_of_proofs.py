@@ -20,9 +20,12 @@ from slipctl.certify.bounds import linear_kind
 from slipctl.certify.cells import mode_cells, mode_proofs, mode_runs
 from slipctl.certify.cells.mode_cells import ModeLoop
 from slipctl.certify.entries import DoesNotHold
-from slipctl.certify.promise import Number, exact_numbers
-from slipctl.certify.smooth import linear_runs
+from slipctl.certify.promise import INPUT, TARGET, Number, System, exact_numbers
+from slipctl.certify.smooth import linear_runs, tube
+from slipctl.certify.smooth.sampled_loop import Nominal, boxes, remainders
+from slipctl.certify.smooth.sums import Bounds
 from slipctl.certify.ticks.tick_code import TickCode
+from slipctl.certify.ticks.tick_sets import Loop
 from slipctl.errors import BadInput
 from slipctl.models.cheng_2022.certificate import dither, dither_push, dither_search, dithering_kind
 from slipctl.models.vehicle.certificate import own_gains
@@ -331,3 +334,41 @@ def test_a_verdict_that_goes_by_the_unit_is_found_on_any_panel(order):
     assert margins.unit_dependent(system, "c")
     number["b"].power = 1
     assert not margins.unit_dependent(system, "c")
+
+
+@pytest.mark.parametrize("order", [("a", "e"), ("e", "a")])
+def test_what_a_tick_adds_is_that_of_every_state_that_may_move(order):
+    """One that stands still hides none behind it: row by row, against the tick at the ends."""
+
+    def tick(n, x, d):
+        return {"a": x["a"] / 2, "e": x["e"] / 2 + x["e"] * x["e"] / 4 + d["w"]}
+
+    numbers = {"e0": Number("1", "", 0.5), "none": Number("1", "", 0.0, "not negative"),
+               "W": Number("1", "", 0.25, role=INPUT, says="{}"),
+               "band": Number("1", "", optional=True, role=TARGET)}  # fmt: skip
+    start = {"a": "none", "e": "e0"}
+    loop = Loop(tick, {s: start[s] for s in order}, {"w": "W"}, {"e": "band"})
+    made = System("own", "", numbers, {}, loop.targets(), loop.says_start(), loop=loop)
+    sampled, cell, _ = made.loop.sampled(exact_numbers(made, {}))
+    box, w = [F(1, 2) if s == "e" else F(0) for s in sampled.states], F(1, 4)
+    found = remainders(sampled, cell, Nominal({}, {}), box, [w], boxes)
+    by_name = dict(zip(sampled.states, found, strict=True))
+    assert by_name["a"] == (0, 0)
+    low, high = by_name["e"]
+    assert low <= -F(1, 4) - w
+    assert high >= F(1, 4) + F(1, 16) + w
+    assert -2 < low < high < 2
+
+
+@pytest.mark.parametrize("still", [(), (0,), (1,), (0, 1)])
+def test_a_tube_is_as_wide_as_what_is_added_to_any_of_its_states(still):
+    """Of a loop that forgets at once: in each tick what that tick adds."""
+    added = [[(F(0), F(0)) if k in still else (F(-1), F(3)) for k in range(3)]] * 2
+    bounds, unit = Bounds((), (F(0),) * 3), [F(1)] * 3
+    half, middle, bits = tube._paths({}, {}, 3, [0, 2, 5], added, bounds, unit)
+    for k in range(3):
+        wide, at = ((0.0, 0.0), (2.0, 1.0))[k not in still]
+        found = [F(int(h), 1 << bits) for h in half[1:, k]]
+        assert min(found) >= wide
+        assert [float(h) for h in found] == pytest.approx([wide] * 5, abs=1e-3)
+        assert [float(F(int(m), 1 << bits)) for m in middle[1:, k]] == pytest.approx([at] * 5)
