@@ -14,6 +14,7 @@ from slipctl import BadInput, Input, Output, State, flow, law
 from slipctl.predict.controller import Controller
 from slipctl.predict.options import arguments
 from slipctl.predict.options.arguments import Solver
+from slipctl.predict.options.offset import with_constant_rates
 from slipctl.predict.trajectory import _Problem
 
 INF = float("inf")
@@ -164,12 +165,41 @@ def test_bounds_stand_stage_by_stage_where_one_is_known_ahead(ahead):
     assert found[5] == pytest.approx([3.0 * 0.5 / 4] * wide)
 
 
+@pytest.mark.parametrize("lengths", [(), (1.0, 2.0, 3.0)])
+def test_a_rate_goes_from_the_middle_of_a_stage_to_that_of_the_next(lengths):
+    """The stage before the first is as long as a tick."""
+    h = SimpleNamespace(nu=1, stages=3, model=SimpleNamespace(period=0.5), lengths=lengths)
+    stub = SimpleNamespace(limits={"F": (-2.0, 2.0)}, short=BOTH, rate={"F": 3.0},
+                           scale=ca.DM([4.0]), ahead=[], h=h)  # fmt: skip
+    stub._bound = lambda *given: Controller._bound(stub, *given)
+    p = {"F_lo": ca.MX(-2.0), "F_hi": ca.MX(2.0), "F_rate": ca.MX(3.0)}
+    rates = np.array(ca.evalf(Controller.bounds(stub, {}, p)))[2]
+    edges = np.cumsum([0.0, 1.0, *(lengths or [1.0])])
+    between = np.diff((edges[:-1] + edges[1:]) / 2)
+    assert rates == pytest.approx(3.0 * 0.5 / 4 * between)
+
+
+def test_a_state_that_is_an_array_has_no_one_rate():
+    @flow()
+    def two(x=State("m", np.zeros(2), "places", shape=(2,)), v=State("m/s", 0.0), F=Input("m/s")):
+        return dict(x=F, v=v), {}
+
+    plant, names = with_constant_rates("here", two, ["v"], ["F"])
+    assert (names, "unmodelled_v" in plant.inputs) == (["unmodelled_v"], True)
+    with pytest.raises(BadInput, match="offset_free: x is an array; name a scalar"):
+        with_constant_rates("here", two, ["v", "x"], ["F"])
+
+
 def test_a_state_that_no_run_shows_has_the_size_of_its_start():
     """Whatever states stand before it; one that runs show has their largest."""
     stub = SimpleNamespace(states=["a", "b", "c"], x0=np.array([500.0, 7.0, 0.0]),
                            scale=np.array([500.0, 7.0, 1.0]))  # fmt: skip
     _Problem.scale_by(stub, [])
     assert list(stub.scale) == [500.0, 7.0, 1.0]
+    stub.x0, stub.scale = stub.x0[::-1], np.array([1.0, 7.0, 500.0])
+    _Problem.scale_by(stub, [xr.Dataset()])
+    assert list(stub.scale) == [1.0, 7.0, 500.0]
+    stub.x0, stub.scale = stub.x0[::-1], stub.scale[::-1]
     log = xr.Dataset({"part.c": ("time", [0.0, -30.0, 20.0])})
     _Problem.scale_by(stub, [log])
     assert list(stub.scale) == [500.0, 7.0, 30.0]
