@@ -66,6 +66,8 @@ def test_members_keep_both_ends_and_stand_apart() -> None:
     assert apart[0] == apart[4] == np.inf
     assert apart[1:4] == pytest.approx([2 * 2 / 9, 2 * 5 / 9, 2 * 7 / 9])
     assert fronts.crowding_distance([(1.0, 1.0)]) == [np.inf]
+    level = fronts.crowding_distance([(1.0, 0.0), (1.0, 1.0), (1.0, 4.0), (1.0, 8.0)])
+    assert level == pytest.approx([np.inf, 4 / 8, 7 / 8, np.inf])  # the first is the same for all
 
 
 @pytest.mark.long

@@ -36,6 +36,17 @@ def test_each_of_several_is_read_whatever_stands_before_it() -> None:
     assert [p.text for p in proved][1:3] == ["sta.certified", "margin>=1.2"]
 
 
+@pytest.mark.parametrize(("value", "upper", "found"), [
+    (2.0, True, 0.5), (2.0, False, -0.5), (-2.0, True, 2.5), (0.0, True, 3.0), (0.0, False, -3.0),
+])  # fmt: skip
+def test_a_value_is_beyond_a_limit_by_a_share_of_it(value, upper, found) -> None:
+    """Of a limit of zero in its unit; in every draw where nobody says else."""
+    limit = Limit("x", "x", upper, value, "m")
+    assert limit.beyond(3.0) == found
+    assert limit.missed([-1.0] * 9 + [0.25]) == 0.25
+    assert Limit("x", "x", upper, value, "m", 0.9).missed([-1.0] * 9 + [0.25]) == 0
+
+
 @pytest.mark.parametrize(("text", "said"), [
     ("margin<=1.2", "write margin>=M, M from 1 to 1e6"), ("margin@0.5>=1.2", "write margin>=M"),
     ("margin>=0.99", "write margin>=M"), ("margin>=1.1e6", "write margin>=M"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
@@ -199,6 +200,16 @@ def test_it_says_why_there_is_no_slope() -> None:
     found = tuned(goal="speed_error_max", runs=20)
     assert found.polished is not None
     assert found.polished.text() == "no exact gradient: speed_error_max has no slope"
+
+
+@pytest.mark.parametrize("jumps", [False, True])
+def test_a_rail_of_one_section_is_searched_for_jumps_too(jumps: bool) -> None:
+    scenario = SCENARIO.but(rail=Rail([Section(0.0, None, {"v_w": 7.0, "car.c": 0.5})]))
+    of = loop(ca.floor) if jumps else loop()
+    one = World(of, scenario, Ensemble({"car.m": "2kg:4kg"}), signals=SIGNALS, known={},
+                free=list(NOW), compile=False)  # fmt: skip
+    with pytest.raises(BadInput, match="a quantiser") if jumps else nullcontext():
+        Slopes(one, list(NOW))
 
 
 @pytest.mark.parametrize("name", ["v", "w", "x", "nobody"])

@@ -12,6 +12,7 @@ from slipctl.certify import catalogue
 from slipctl.certify.promise import CERTIFIED, UNDECIDED
 from slipctl.commands.cli import main
 from slipctl.design import promises
+from slipctl.design.goals import Proved
 from slipctl.design.promises import Promises
 from slipctl.study import resolve
 from slipctl.study.request import Request
@@ -79,9 +80,27 @@ def test_a_margin_is_that_up_to_which_every_one_is_proved(last, monkeypatch):
 
     assert margin() == (promises.MARGINS[-1] if last else promises.FARTHEST)
     assert margin((0.0, 1.1)) == 0
+    assert margin((1.05, 1e9)) == (1.0 if last else pytest.approx(1.05, rel=0.01))
     assert margin((1.2, 1.3)) == (1.0 if last else promises.FARTHEST)
     assert margin((1.3, 1e9)) == (1.25 if last else pytest.approx(1.3, rel=0.01))
     assert margin((1.3, 5.0), (6.0, 7.0)) == (1.25 if last else pytest.approx(1.3, rel=0.01))
+
+
+def test_what_is_asked_is_the_bounds_as_they_are_unless_a_margin_is_said(monkeypatch):
+    gains = SimpleNamespace(name="stable")
+    of = Promises((gains,), (Proved("margin>=1.5", "", 1.5),))
+    assert of.needed() == [(gains, 1.5, "margin>=1.5")]
+    kept = Promises((gains, SimpleNamespace(name="other")), kept=("stable",))
+    assert kept.needed() == [(gains, 1.0, "stable.certified")]
+    monkeypatch.setattr(promises.catalogue, "system_of_gains", lambda gains, loop: "system")
+    monkeypatch.setattr(Promises, "numbers", lambda self, gains, loop: {})
+    monkeypatch.setattr(promises, "with_margin", lambda system, numbers, margin: margin)
+    monkeypatch.setattr(promises, "is_last", lambda of: False)
+    monkeypatch.setattr(promises.proofs, "decide",
+                        lambda system, margin: SimpleNamespace(verdict=margin))  # fmt: skip
+    assert of.asked(gains, None) == ("system", 1.0)
+    assert of.decision(gains, None).verdict == of.verdict(gains, None) == 1.0
+    assert of.verdict(gains, None, 2.0) == 2.0
 
 
 @pytest.mark.long

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
@@ -159,6 +160,15 @@ def test_the_closest_is_that_of_the_promise_that_was_not_kept():
         search.promises.margin = lambda gains, n: {"other": 9.0, "stable": 0.5}[gains]
         with pytest.raises(BadInput, match=r"is proved up to 0\.5 times the bounds, 1 are wanted"):
             search.run()
+
+
+@pytest.mark.parametrize(("now", "share"), [((0.5, 40.0), (0, 1)), ((3.5, 10.0), (1, 0))])
+def test_numbers_set_by_hand_beyond_their_range_stand_at_its_end(now, share):
+    """As a place of a search; they run as they are."""
+    frees = [replace(f, now=v) for f, v in zip(FREES, now, strict=True)]
+    search, _ = searched(frees=frees)
+    assert list(search.by_hand.share) == list(share)
+    assert tuple(search.by_hand.numbers.values()) == now
 
 
 @pytest.mark.parametrize("kind", [Search, FrontSearch])

@@ -120,6 +120,24 @@ def test_ensembles_that_do_not_fit_the_loop(ensemble: Ensemble, said: str) -> No
         World(LOOP, SCENARIO, ensemble, known=KNOWN, compile=False)
 
 
+def test_what_goes_on_is_told_up_to_its_end() -> None:
+    """All runs may have ended before it has."""
+    told: list[tuple[str, float]] = []
+    rolls = Rolls(None)  # type: ignore[arg-type]
+    rolls.progress = lambda stage, share: told.append((stage, share))
+    rolls.advance()
+    rolls.end()
+    assert told == []
+    rolls.begin("search", 4)
+    for _ in range(5):
+        rolls.advance()
+    rolls.end()
+    shares = [share for _, share in told]
+    assert shares[:4] == [0.0, 0.25, 0.5, 0.75]
+    assert all(0.75 < share < 1 for share in shares[4:-1])
+    assert told[-1] == ("search", 1.0)
+
+
 def test_seeds_have_no_effect_where_nothing_is_noisy() -> None:
     """A loop without noise takes the draws of one with noise, and says so in one line."""
     draw = {"plant.wheel.m": "6t:9t"}
