@@ -11,7 +11,7 @@ import pytest
 from slipctl.certify import catalogue
 from slipctl.certify.promise import CERTIFIED, UNDECIDED
 from slipctl.commands.cli import main
-from slipctl.design import promises
+from slipctl.design import gain_files, promises
 from slipctl.design.goals import Proved
 from slipctl.design.promises import Promises
 from slipctl.study import resolve
@@ -101,6 +101,18 @@ def test_what_is_asked_is_the_bounds_as_they_are_unless_a_margin_is_said(monkeyp
     assert of.asked(gains, None) == ("system", 1.0)
     assert of.decision(gains, None).verdict == of.verdict(gains, None) == 1.0
     assert of.verdict(gains, None, 2.0) == 2.0
+
+
+def test_a_proof_is_written_of_the_bounds_and_of_the_margin_that_is_asked(monkeypatch):
+    """One that nobody asks for is written once."""
+    gains = tuple(SimpleNamespace(name=n) for n in ("asked", "beside"))
+    of = Promises(gains, (Proved("asked.margin>=1.5", "asked", 1.5),))
+    found = SimpleNamespace(tuned_loop=lambda: "loop", promises=of, frees=(), gains={}, name="x",
+                            statement=None)  # fmt: skip
+    monkeypatch.setattr(gain_files, "certificate", lambda g, loop, of, margin: (g.name, margin))
+    exact = gain_files.certificate_of(found, "slipctl tune")["exact"]
+    assert [e["certificate"] for e in exact] == [("asked", 1.0), ("asked", 1.5), ("beside", 1.0)]
+    assert [float(e["bounds_times"]) for e in exact] == [1.0, 1.5, 1.0]
 
 
 @pytest.mark.long

@@ -114,6 +114,12 @@ def test_cores_change_nothing_and_cells_touch() -> None:
     ]  # fmt: skip
 
 
+def test_an_axis_without_a_range_goes_from_a_tenth_to_ten_times_the_design_point() -> None:
+    x, y = maps.read_axes("k1,k2=1:60", SYSTEM, GIVEN)
+    assert (x.lo, x.hi) == pytest.approx((GIVEN["k1"] / 10, GIVEN["k1"] * 10))
+    assert (y.lo, y.hi) == (1.0, 60.0)
+
+
 @pytest.mark.parametrize(("axes", "said"), [
     ("k1", "write two numbers"), ("k1,k1", "write two numbers"), ("k1,k3", "has no 'k3'"),
     ("k1=5:1,k2", "lo < hi"), ("k1=5,k2", "write k1=LO:HI"), ("k1=1:2m,k2", "another dimension"),
