@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from itertools import permutations
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -58,6 +59,18 @@ def test_the_front_is_what_nothing_beats(found: Sequence[tuple[int, int, int]]) 
         return max((p[i] - lo) / (hi - lo) if hi > lo else 0.0 for i, (lo, hi) in enumerate(ends))
 
     assert loss(chosen) == pytest.approx(min(loss(found[n]) for n in wanted))
+
+
+@pytest.mark.parametrize("order", permutations(range(5)))
+def test_members_are_the_same_in_whatever_order_a_pool_stands(order: Sequence[int]) -> None:
+    """Of those that stand apart alike the first one."""
+    search = object.__new__(FrontSearch)
+    search.limits, search.shown = [], {}
+    search.promises = SimpleNamespace(has_last=lambda: False)  # type: ignore[assignment]
+    line = [Candidate(n, {}, np.zeros(1), Score([float(n)], []), (Score([4.0 - n], []),))
+            for n in range(5)]  # fmt: skip
+    found = search._thinned([line[k] for k in order], 4)
+    assert [c.number for c in found] == [0, 4, 1, 2]
 
 
 def test_members_keep_both_ends_and_stand_apart() -> None:

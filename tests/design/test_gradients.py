@@ -202,6 +202,17 @@ def test_it_says_why_there_is_no_slope() -> None:
     assert found.polished.text() == "no exact gradient: speed_error_max has no slope"
 
 
+def test_of_several_axles_there_is_no_slope() -> None:
+    @step(period=0.1, w=Output("m", shape=(2,)))
+    def axles(x=State("m", np.zeros(2), shape=(2,))):
+        return dict(x=x), dict(w=x)
+
+    run = SimpleNamespace(signals=SimpleNamespace(find=lambda role, log: "w"), log=None)
+    whole = SimpleNamespace(x=np.zeros((3, 2)), y=np.zeros((3, 2)))
+    with pytest.raises(BadInput, match="w is of several axles"):
+        Slopes._laid(SimpleNamespace(loop=axles), whole, run, [("role", np.ones(3))])  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("jumps", [False, True])
 def test_a_rail_of_one_section_is_searched_for_jumps_too(jumps: bool) -> None:
     scenario = SCENARIO.but(rail=Rail([Section(0.0, None, {"v_w": 7.0, "car.c": 0.5})]))
