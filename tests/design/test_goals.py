@@ -9,7 +9,7 @@ import pytest
 
 from slipctl import BadInput
 from slipctl.design import page
-from slipctl.design.goals import Limit, Proved, read_limits
+from slipctl.design.goals import Limit, Proved, Score, read_limits
 from slipctl.run.measures.measured_run import Metric
 
 THERE = {"slip_max": Metric(1.0, "m/s"), "torque": Metric(1.0, "N m")}
@@ -44,6 +44,8 @@ def test_a_value_is_beyond_a_limit_by_a_share_of_it(value, upper, found) -> None
     limit = Limit("x", "x", upper, value, "m")
     assert limit.beyond(3.0) == found
     assert limit.missed([-1.0] * 9 + [0.25]) == 0.25
+    score = Score([1.0] * 3, [[-1.0], [0.5], [0.75]])
+    assert [score.missed([limit], k) for k in (1, 2, None)] == [0.0, 0.5, 0.75]
     assert Limit("x", "x", upper, value, "m", 0.9).missed([-1.0] * 9 + [0.25]) == 0
 
 

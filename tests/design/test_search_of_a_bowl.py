@@ -121,7 +121,7 @@ def test_the_best_stands_at_a_limit_that_keeps_it_off_the_bottom(upper):
     assert found.numbers["ctl.a"] == pytest.approx(1.6, rel=0.02)
 
 
-@pytest.mark.parametrize(("upper", "value"), [(True, 5.0), (False, 60.0)])
+@pytest.mark.parametrize(("upper", "value"), [(True, 5.0), (False, 60.0), (True, 0.0)])
 def test_a_limit_that_nothing_meets_is_refused_with_the_closest(upper, value):
     """b is from 10 to 30."""
     limit = Limit("level told", "level", upper, value, "N m")
