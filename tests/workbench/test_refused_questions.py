@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import sys
 import threading
 import tomllib
 from dataclasses import replace
@@ -354,3 +355,39 @@ def test_a_number_is_written_at_the_one_key_that_sets_it_alone(monkeypatch) -> N
         "x.toml", text, "loop", {"m": 5.0}, [SimpleNamespace(name="m", unit="1")]
     )
     assert notes == ["m in the file sets n too"]
+
+
+def test_a_widget_that_is_not_installed_is_named(monkeypatch) -> None:
+    from slipctl.workbench.web import widget
+
+    monkeypatch.setitem(sys.modules, "anywidget", None)
+    widget._widget_class.cache_clear()
+    refused("a widget needs anywidget; pip install", widget._widget_class)
+
+
+@pytest.mark.parametrize(("lo", "hi", "left", "right"), [
+    (-float("inf"), float("inf"), -1.0, 1.0), (-0.3, 0.2, -0.3, 0.2), (-5.0, 3.0, -1.0, 1.0),
+    (0.0, float("inf"), 0.0, 1.0), (0.0, 0.5, 0.0, 0.5),
+])  # fmt: skip
+def test_a_number_of_zero_is_moved_by_one_or_to_its_ends(lo, hi, left, right) -> None:
+    assert sliders.ends_of_slider(0.0, lo, hi) == (left, right, False)
+
+
+def test_curves_are_in_the_units_that_a_person_reads() -> None:
+    """km/h, kN m, bar; a valve fills, holds or vents; the rim is slower by the slip."""
+    given = {"speed": [[10.0], [5.0], [0.0]], "slip": [[1.0], [0.5], [0.0]],
+             "pressure": [[3e5], [2e5], [0.0]], "holding": [[0.0, 1.0], [1.0, 0.0], [0.52, 0.48]],
+             "venting": [[0.0, 0.0], [0.0, 1.0], [0.48, 0.52]]}  # fmt: skip
+    each = {n: np.array(v) for n, v in given.items()}
+    units = {"slip": "m/s", "pressure": "Pa", "speed": "m/s"}
+    run = SimpleNamespace(time=np.arange(3.0), changes=[], rows=["dry"], slip_sign=1, each=each.get,
+                          travelled=None,
+                          unit=lambda n: units.get(n, "1"))  # fmt: skip
+    panels = {p.name: p for p in curves.curves_of_run(run).panels}
+    shown = {(n, s.name, s.axle): list(s.values) for n, p in panels.items() for s in p.series}
+    assert shown["speed", "vehicle", 0] == pytest.approx([36.0, 18.0, 0.0])
+    assert shown["speed", "rim", 0] == pytest.approx([32.4, 16.2, 0.0])
+    assert shown["pressure", "in the cylinder", 0] == pytest.approx([3.0, 2.0, 0.0])
+    assert (panels["speed"].unit, panels["pressure"].unit) == ("km/h", "bar")
+    valves = [v for (n, *_), v in shown.items() if n.startswith("valves")]
+    assert valves == [[1.0, 0.0, 0.0], [0.0, -1.0, -1.0]]
