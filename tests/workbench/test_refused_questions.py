@@ -48,7 +48,7 @@ from slipctl.workbench import (
 )
 from slipctl.workbench.desk import Desk
 from slipctl.workbench.sources import openings
-from slipctl.workbench.sources.opened_logs import MOST, curves_of_recording
+from slipctl.workbench.sources.opened_logs import MOST, LogAnswers, curves_of_recording
 from slipctl.workbench.web.windows import Worker
 
 
@@ -391,3 +391,29 @@ def test_curves_are_in_the_units_that_a_person_reads() -> None:
     assert (panels["speed"].unit, panels["pressure"].unit) == ("km/h", "bar")
     valves = [v for (n, *_), v in shown.items() if n.startswith("valves")]
     assert valves == [[1.0, 0.0, 0.0], [0.0, -1.0, -1.0]]
+
+
+def test_a_part_is_shown_with_the_first_line_of_what_it_is() -> None:
+    found = laws.block_view(LOOP, "car")
+    assert (found["name"], found["doc"]) == ("falls", "A body that slows down.")
+    assert (found["kind"], found["parts"]) == ("step", [])
+    assert [s["name"] for s in found["signals"]] == ["w", "T"]
+    assert laws.block_view(LOOP, "")["parts"] == ["car"]
+
+
+def test_effects_of_a_law_without_gains_need_a_number_that_was_moved(monkeypatch) -> None:
+    own = answers.Answers(SimpleNamespace())
+    beside = sliders.Slider("m", 1.0, "kg", 0.5, 2.0, 0.5, 2.0, False, "", "", "vehicle and rail")
+    monkeypatch.setattr(own, "_rig", lambda request: SimpleNamespace(sliders=[beside]))
+    monkeypatch.setattr(own, "_moved", lambda request, rig: {})
+    refused("the law has no gains; move a number", list, own.effects({}))
+
+
+def test_a_log_answers_what_needs_no_loop(tmp_path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("t [s],note\n0.0,ok\n0.1,ok\n0.2,ok\n")
+    refused("has no column of numbers", curves_of_recording, read_recording(path))
+    path.write_text("t [s],v [m/s]\n0.0,1\n0.1,2\n0.2,3\n")
+    opened = LogAnswers(str(path), str(tmp_path))
+    refused("sweep needs a loop; open a vehicle's file", list, opened.command({"command": "sweep"}))
+    assert list(opened.command({"command": "stop"}))[-1]["said"] == "stopped"
