@@ -119,6 +119,19 @@ def test_sides_of_which_some_runs_alone_reach_a_metric_differ():
     assert "-inf" in told
 
 
+def test_spreads_go_from_5_to_95_percent_of_the_runs():
+    """Of the values of each side, and of the differences of runs on the same draws."""
+    every = np.arange(101.0)
+    draws = [str(k) for k in range(101)]
+    sides = [Side(n, metrics={"s/x": {"m": v}}, draws=draws)
+             for n, v in (("a", 0 * every), ("b", every))]  # fmt: skip
+    row = compare._row(sides, ["s/x", "s/x"], "m")
+    assert row["values"] == [0.0, 50.0]
+    assert row["spread"] == [[0.0, 0.0], pytest.approx([5.0, 95.0])]
+    assert row["paired"] == [pytest.approx([5.0, 95.0])]
+    assert row["difference"] == [50.0]
+
+
 @pytest.mark.parametrize("order", permutations(["none", "never", "draws", "far"]))
 def test_a_side_without_a_metric_ends_no_row(order):
     """Each side behind the first has its difference, whatever stands before it."""
