@@ -49,6 +49,7 @@ from slipctl.workbench import (
 from slipctl.workbench.desk import Desk
 from slipctl.workbench.sources import openings
 from slipctl.workbench.sources.opened_logs import MOST, LogAnswers, curves_of_recording
+from slipctl.workbench.web import windows
 from slipctl.workbench.web.windows import Worker
 
 
@@ -296,6 +297,32 @@ def test_who_listens_to_a_process_stops_where_it_has_ended() -> None:
     assert begun == [1]
 
 
+def test_a_piece_of_work_that_takes_too_long_is_ended_whenever_it_began(monkeypatch) -> None:
+    """Who watches goes on where nothing is done, and after a process that was ended."""
+    begun, told, ended, slept = [], [], [], []
+    worker = object.__new__(Worker)
+    worker.__dict__.update(
+        _lock=threading.Condition(), _closed=False, _step=None, _waiting={"run": {}},
+        opening=SimpleNamespace(patience=0.4), _begin=lambda: begun.append(1),
+        _say=lambda kind, text: told.append((kind, text)),
+        _process=SimpleNamespace(kill=lambda: ended.append("process")),
+        _pipe=SimpleNamespace(close=lambda: ended.append("pipe")),
+    )  # fmt: skip
+
+    def sleep(seconds):
+        slept.append(seconds)
+        if len(slept) in (3, 5):
+            worker._step = ("run", -1e9)
+        worker._closed = len(slept) > 5
+
+    monkeypatch.setattr(windows, "time", SimpleNamespace(sleep=sleep, monotonic=lambda: 0.0))
+    worker._watch()
+    assert [kind for kind, _ in told] == ["run", "run"]
+    assert begun == [1, 1]
+    assert ended == ["process", "pipe"] * 2
+    assert worker._waiting == {}
+
+
 def test_a_page_that_is_closed_is_no_error(monkeypatch) -> None:
     """Its window is left; nothing is asked of a page that has gone."""
     server = pytest.importorskip("slipctl.workbench.web.server")
@@ -350,6 +377,11 @@ def test_a_number_is_written_at_the_one_key_that_sets_it_alone(monkeypatch) -> N
             "x.toml", text, "loop", {"m": 5.0}, [SimpleNamespace(name="m", unit="1")]
         )
         assert (made, notes) == (text.replace("own = 2.0", "own = 5"), [])
+    made, _ = saved_files.text_with_numbers(
+        "x.toml", text, "loop", {"n": 2.0, "m": 5.0},
+        [SimpleNamespace(name=n, unit="1") for n in "mn"],
+    )  # fmt: skip
+    assert made == text.replace("own = 2.0", "own = 5"), "what is as it was ends nothing"
     monkeypatch.setattr(saved_files, "keys_with_number", lambda *given: keys[:3])
     _, notes = saved_files.text_with_numbers(
         "x.toml", text, "loop", {"m": 5.0}, [SimpleNamespace(name="m", unit="1")]
