@@ -11,6 +11,7 @@ import toy_study
 from slipctl import BadInput
 from slipctl.block.units.unit_algebra import display_scale
 from slipctl.draw import looks, mathml, plots, show
+from slipctl.run.results import NotRun
 from slipctl.study import case_setup, execution, resolve
 
 
@@ -140,6 +141,11 @@ def test_traces_have_units_bands_and_one_legend(results) -> None:
     assert {t.get_text() for t in fig.axes[0].texts} == {"dry", "ice"}
     with pytest.raises(BadInput, match="no loop of base logs 'torqe'"):
         plots.traces(results, "base", signals=["torqe"])
+
+
+def test_what_was_not_run_is_not_drawn(results) -> None:
+    with pytest.raises(NotRun, match="nobody was not run"):
+        plots.traces(results, "nobody", signals=["slip"])
 
 
 def test_every_helper_labels_its_axes() -> None:

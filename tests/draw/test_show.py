@@ -383,6 +383,15 @@ def test_blocks_that_are_no_scalar_formulas_are_shown_all_the_same():
     assert "in matrices and loops" in show.latex(block)
     assert "no difference" in show.difference(block, block)
     assert "<svg" in show.svg(block)
+
+    @law(y=Output("m"))
+    def mapped(u=Input("m", "u")):
+        """Its formula."""
+        return 3 * u
+
+    for pair in ((block, mapped), (mapped, block)):
+        text = show.difference(*pair)
+        assert all(f"{sign} built by a transform" in text for sign in "-+")
     both = connect("both", {"m.u": "u"}, m=block, d=curve)
     assert "in matrices and loops" in show.text(both)
     assert "mu = c*(exp(-a*v_s) - exp(-b*v_s))" in show.text(both)
