@@ -8,6 +8,7 @@ from fractions import Fraction
 from itertools import permutations
 from types import SimpleNamespace
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given
@@ -24,7 +25,7 @@ from slipctl.certify.promise import INPUT, TARGET, Number, System, exact_numbers
 from slipctl.certify.smooth import linear_runs, tube
 from slipctl.certify.smooth.sampled_loop import Nominal, boxes, remainders
 from slipctl.certify.smooth.sums import Bounds
-from slipctl.certify.ticks.tick_code import TickCode
+from slipctl.certify.ticks.tick_code import TickCode, code_of_function
 from slipctl.certify.ticks.tick_sets import Loop
 from slipctl.errors import BadInput
 from slipctl.models.cheng_2022.certificate import dither, dither_push, dither_search, dithering_kind
@@ -372,3 +373,12 @@ def test_a_tube_is_as_wide_as_what_is_added_to_any_of_its_states(still):
         assert min(found) >= wide
         assert [float(h) for h in found] == pytest.approx([wide] * 5, abs=1e-3)
         assert [float(F(int(m), 1 << bits)) for m in middle[1:, k]] == pytest.approx([at] * 5)
+
+
+def test_every_output_of_a_function_is_read():
+    """A column of several, whatever stands between them."""
+    x = ca.SX.sym("x", 2)
+    f = ca.Function("f", [x], [ca.vertcat(x[0] + x[1], 7, x[0] * x[1], x[1] - x[0])])
+    code = code_of_function(f, ("a", "b"), ("sum", "seven", "product", "difference"))
+    assert list(code.outputs) == ["sum", "seven", "product", "difference"]
+    assert code.compiled()(2.0, 5.0) == (7.0, 7.0, 10.0, 3.0)

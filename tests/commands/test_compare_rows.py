@@ -196,3 +196,14 @@ def test_a_folder_of_several_sweeps_is_these_in_the_order_in_which_they_were_mad
     (tmp_path / "many" / "metrics.json").unlink()
     (tmp_path / "many" / FILE).write_text("x")
     assert compare._inside(whole) == [whole]
+
+
+def test_of_many_changes_the_first_are_told_and_how_many_more_there_are():
+    """A long word is cut, a short one is not."""
+    many = compare.LISTED + 3
+    sides = [Side(n, {f"key {k:03d}": f"{n}{k}" for k in range(many)}) for n in "ab"]
+    text = compare.text(sides, compare.changes(sides), {})
+    assert "3 more; --json has all" in text
+    assert [f"key {k:03d}" in text for k in range(many)] == [True] * compare.LISTED + [False] * 3
+    assert compare._said("x" * 40) == "x" * 40
+    assert compare._said("abcdefghijklmnop" + "x" * 30) == "abcdefghijkl..."
