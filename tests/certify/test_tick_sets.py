@@ -15,6 +15,7 @@ from slipctl.certify.entries import DoesNotHold
 from slipctl.certify.smooth.sampled_loop import decimals
 from slipctl.certify.systems import CERTIFIED, INPUT, REFUTED, TARGET, Number, System, report
 from slipctl.certify.ticks.tick_sets import Loop, clip, root, sgn
+from slipctl.certify.ticks.tick_source import _run_beside, code_of_tick
 from slipctl.errors import BadInput
 
 F = Fraction
@@ -179,9 +180,16 @@ def keeps(n, x, d, memory=[]):  # noqa: B006
     return {"x": x["x"] / 2 + len(memory)}
 
 
+def looks_again(n, x, d):
+    """A tick with a name that an inner function reads, before one that cannot be read."""
+    own = x["x"]
+    return {"x": own * 0 + sum(own for _ in (1,)) + hash(own)}
+
+
 @pytest.mark.parametrize(
     ("tick", "says"),
     [
+        (looks_again, "hash"),
         (lambda n, x, d: {"x": int(x["x"])}, "int"),
         (lambda n, x, d: {"x": round(x["x"], 1)}, "round"),
         (lambda n, x, d: {"x": 2 * x["x"] // 1}, "a cast, a rounding"),
@@ -221,6 +229,15 @@ def test_a_tick_that_cannot_be_read_is_refused_in_words(tick, says):
     with pytest.raises(BadInput, match=says) as told:
         asked(tick)
     assert "\n" not in str(told.value)
+
+
+def test_a_tick_that_is_run_gives_what_was_read_of_it():
+    """Where it gives nothing, as for a zero, it is asked at other numbers."""
+    groups = ((), ("x",), ("w",))
+    code = code_of_tick(lambda n, x, d: {"x": 1 / x["x"] + d["w"]}, groups, ("x",))
+    _run_beside(lambda n, x, d: {"x": d["w"] + 1 / x["x"]}, code, groups)
+    with pytest.raises(BadInput, match="when it is run"):
+        _run_beside(lambda n, x, d: {"x": 2 / x["x"] + d["w"]}, code, groups)
 
 
 def test_a_tick_may_use_numbers_of_its_file_and_functions_of_its_own():

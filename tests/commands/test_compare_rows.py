@@ -2,6 +2,7 @@
 
 import math
 import time
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -123,6 +124,34 @@ def test_sides_of_which_some_runs_alone_reach_a_metric_differ():
     assert "-inf" in told
 
 
+def test_spreads_go_from_5_to_95_percent_of_the_runs():
+    """Of the values of each side, and of the differences of runs on the same draws."""
+    every = np.arange(101.0)
+    draws = [str(k) for k in range(101)]
+    sides = [Side(n, metrics={"s/x": {"m": v}}, draws=draws)
+             for n, v in (("a", 0 * every), ("b", every))]  # fmt: skip
+    row = compare._row(sides, ["s/x", "s/x"], "m")
+    assert row["values"] == [0.0, 50.0]
+    assert row["spread"] == [[0.0, 0.0], pytest.approx([5.0, 95.0])]
+    assert row["paired"] == [pytest.approx([5.0, 95.0])]
+    assert row["difference"] == [50.0]
+
+
+@pytest.mark.parametrize("order", permutations(["none", "never", "draws", "far"]))
+def test_a_side_without_a_metric_ends_no_row(order):
+    """Each side behind the first has its difference, whatever stands before it."""
+    first = Side("a", metrics={"s/x": {"m": np.array([math.inf])}}, draws=["one"])
+    values = {"none": {}, "never": {"m": np.array([math.inf])}, "draws": {"m": np.array([2.0])},
+              "far": {"m": np.array([3.0])}}  # fmt: skip
+    sides = [Side(n, metrics={"s/x": values[n]}, draws=["one"] * (n == "draws")) for n in order]
+    row = compare._row([first, *sides], ["s/x"] * 5, "m")
+    found = dict(zip(order, row["difference"], strict=True))
+    assert found == {"none": None, "never": None, "draws": -math.inf, "far": -math.inf}
+    assert [p is not None for p in row["paired"]] == [n == "draws" for n in order]
+    assert dict(zip(order, row["beyond_spread"], strict=True)) == {
+        "none": False, "never": False, "draws": True, "far": True}  # fmt: skip
+
+
 def test_sides_have_a_letter_each_and_beyond_z_a_number():
     sides = [Side(f"run{k}", state="stopped" if k == 1 else "") for k in range(28)]
     changed = [{"what": f"p{k}", "unit": "m", "values": ["1"] * 28} for k in range(compare.LISTED)]
@@ -172,3 +201,14 @@ def test_a_folder_of_several_sweeps_is_these_in_the_order_in_which_they_were_mad
     (tmp_path / "many" / "metrics.json").unlink()
     (tmp_path / "many" / FILE).write_text("x")
     assert compare._inside(whole) == [whole]
+
+
+def test_of_many_changes_the_first_are_told_and_how_many_more_there_are():
+    """A long word is cut, a short one is not."""
+    many = compare.LISTED + 3
+    sides = [Side(n, {f"key {k:03d}": f"{n}{k}" for k in range(many)}) for n in "ab"]
+    text = compare.text(sides, compare.changes(sides), {})
+    assert "3 more; --json has all" in text
+    assert [f"key {k:03d}" in text for k in range(many)] == [True] * compare.LISTED + [False] * 3
+    assert compare._said("x" * 40) == "x" * 40
+    assert compare._said("abcdefghijklmnop" + "x" * 30) == "abcdefghijkl..."

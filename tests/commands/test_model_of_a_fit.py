@@ -57,3 +57,13 @@ def test_the_file_of_a_fit_makes_the_fitted_law(kind, tmp_path):
     assert all("+-" in rows[n] for n in free)
     assert "    slipctl fit it" in text
     assert f"{len(u)} points" in text
+
+
+def test_a_parameter_that_is_as_it_was_hides_none_behind_it():
+    """Wherever it stands: one that follows from others, one that nobody touched."""
+    said = "y = a + c*u + b + d where a = 1, b [1] = 2*a, c = 2, d = 0, u [1]"
+    base, u = from_text(said), np.linspace(0.0, 1.0, 20)
+    found = fit(base.with_params(d=0.5), {"u": u, "y": 3.5 + 4 * u}, ["c"])
+    text = model_text(found, base, said, "slipctl fit it")
+    rows = {k.split("=")[0].strip() for k in text.splitlines() if "#" in k}
+    assert rows == {"c", "d"}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from itertools import permutations
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -60,12 +61,26 @@ def test_the_front_is_what_nothing_beats(found: Sequence[tuple[int, int, int]]) 
     assert loss(chosen) == pytest.approx(min(loss(found[n]) for n in wanted))
 
 
+@pytest.mark.parametrize("order", permutations(range(5)))
+def test_members_are_the_same_in_whatever_order_a_pool_stands(order: Sequence[int]) -> None:
+    """Of those that stand apart alike the first one."""
+    search = object.__new__(FrontSearch)
+    search.limits, search.shown = [], {}
+    search.promises = SimpleNamespace(has_last=lambda: False)  # type: ignore[assignment]
+    line = [Candidate(n, {}, np.zeros(1), Score([float(n)], []), (Score([4.0 - n], []),))
+            for n in range(5)]  # fmt: skip
+    found = search._thinned([line[k] for k in order], 4)
+    assert [c.number for c in found] == [0, 4, 1, 2]
+
+
 def test_members_keep_both_ends_and_stand_apart() -> None:
     """Of points on a line the two ends stay; who has near neighbours goes first."""
     apart = fronts.crowding_distance([(0.0, 9.0), (1.0, 8.0), (2.0, 7.0), (6.0, 3.0), (9.0, 0.0)])
     assert apart[0] == apart[4] == np.inf
     assert apart[1:4] == pytest.approx([2 * 2 / 9, 2 * 5 / 9, 2 * 7 / 9])
     assert fronts.crowding_distance([(1.0, 1.0)]) == [np.inf]
+    level = fronts.crowding_distance([(1.0, 0.0), (1.0, 1.0), (1.0, 4.0), (1.0, 8.0)])
+    assert level == pytest.approx([np.inf, 4 / 8, 7 / 8, np.inf])  # the first is the same for all
 
 
 @pytest.mark.long

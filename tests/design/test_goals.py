@@ -9,7 +9,7 @@ import pytest
 
 from slipctl import BadInput
 from slipctl.design import page
-from slipctl.design.goals import Limit, Proved, read_limits
+from slipctl.design.goals import Limit, Proved, Score, read_limits
 from slipctl.run.measures.measured_run import Metric
 
 THERE = {"slip_max": Metric(1.0, "m/s"), "torque": Metric(1.0, "N m")}
@@ -34,6 +34,19 @@ def test_each_of_several_is_read_whatever_stands_before_it() -> None:
     assert [x.text for x in limits] == [
         "slip_max@0.95<=7.2km/h", "torque>=8kN m", "slip_max@1.<=1m/s"]  # fmt: skip
     assert [p.text for p in proved][1:3] == ["sta.certified", "margin>=1.2"]
+
+
+@pytest.mark.parametrize(("value", "upper", "found"), [
+    (2.0, True, 0.5), (2.0, False, -0.5), (-2.0, True, 2.5), (0.0, True, 3.0), (0.0, False, -3.0),
+])  # fmt: skip
+def test_a_value_is_beyond_a_limit_by_a_share_of_it(value, upper, found) -> None:
+    """Of a limit of zero in its unit; in every draw where nobody says else."""
+    limit = Limit("x", "x", upper, value, "m")
+    assert limit.beyond(3.0) == found
+    assert limit.missed([-1.0] * 9 + [0.25]) == 0.25
+    score = Score([1.0] * 3, [[-1.0], [0.5], [0.75]])
+    assert [score.missed([limit], k) for k in (1, 2, None)] == [0.0, 0.5, 0.75]
+    assert Limit("x", "x", upper, value, "m", 0.9).missed([-1.0] * 9 + [0.25]) == 0
 
 
 @pytest.mark.parametrize(("text", "said"), [

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -198,3 +200,44 @@ def test_it_says_why_there_is_no_slope() -> None:
     found = tuned(goal="speed_error_max", runs=20)
     assert found.polished is not None
     assert found.polished.text() == "no exact gradient: speed_error_max has no slope"
+
+
+def test_of_several_axles_there_is_no_slope() -> None:
+    @step(period=0.1, w=Output("m", shape=(2,)))
+    def axles(x=State("m", np.zeros(2), shape=(2,))):
+        return dict(x=x), dict(w=x)
+
+    run = SimpleNamespace(signals=SimpleNamespace(find=lambda role, log: "w"), log=None)
+    whole = SimpleNamespace(x=np.zeros((3, 2)), y=np.zeros((3, 2)))
+    with pytest.raises(BadInput, match="w is of several axles"):
+        Slopes._laid(SimpleNamespace(loop=axles), whole, run, [("role", np.ones(3))])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("jumps", [False, True])
+def test_a_rail_of_one_section_is_searched_for_jumps_too(jumps: bool) -> None:
+    scenario = SCENARIO.but(rail=Rail([Section(0.0, None, {"v_w": 7.0, "car.c": 0.5})]))
+    of = loop(ca.floor) if jumps else loop()
+    one = World(of, scenario, Ensemble({"car.m": "2kg:4kg"}), signals=SIGNALS, known={},
+                free=list(NOW), compile=False)  # fmt: skip
+    with pytest.raises(BadInput, match="a quantiser") if jumps else nullcontext():
+        Slopes(one, list(NOW))
+
+
+@pytest.mark.parametrize("name", ["v", "w", "x", "nobody"])
+def test_a_signal_is_seeded_once_where_a_state_and_an_output_have_one_name(name: str) -> None:
+    """As an output, if it is one; what the loop does not compute has no slope."""
+
+    @step(period=0.1, w=Output("m"), v=Output("m"))
+    def both(x=State("m", 0.0), v=State("m", 0.0)):
+        return dict(x=x, v=v), dict(w=x, v=v)
+
+    slope = np.arange(3.0)
+    run = SimpleNamespace(signals=SimpleNamespace(find=lambda role, log: name), log=None)
+    whole = SimpleNamespace(x=np.zeros((3, 2)), y=np.zeros((3, 2)))
+    laid = Slopes._laid(SimpleNamespace(loop=both), whole, run, [("role", slope)])  # type: ignore[arg-type]
+    at = {"w": (1, 0), "v": (1, 1), "x": (0, 0)}
+    wanted = [np.zeros((3, 2)), np.zeros((3, 2))]
+    if name in at:
+        which, column = at[name]
+        wanted[which][:, column] = slope
+    assert np.array_equal(laid, wanted)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from slipctl.certify import catalogue
-from slipctl.certify.promise import CERTIFIED
+from slipctl.certify.promise import CERTIFIED, UNDECIDED
 from slipctl.commands.cli import main
+from slipctl.design import gain_files, promises
+from slipctl.design.goals import Proved
 from slipctl.design.promises import Promises
 from slipctl.study import resolve
 from slipctl.study.request import Request
@@ -59,6 +62,57 @@ def _here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "wsp.toml").write_text(MACHINE, encoding="utf-8")
     (tmp_path / "t.toml").write_text(leaves_trip(ACTUATOR, REST), encoding="utf-8")
+
+
+@pytest.mark.parametrize("last", [True, False])
+def test_a_margin_is_that_up_to_which_every_one_is_proved(last, monkeypatch):
+    """What is proved beyond a gap counts for nothing, in steps and in halvings."""
+    gains = SimpleNamespace(name="stable")
+    asked = Promises((gains,), kept=("stable",))
+    monkeypatch.setattr(promises, "is_last", lambda of: last)
+
+    def margin(*gaps):
+        def verdict(self, of, loop, m=1.0):
+            return UNDECIDED if any(a <= m < b for a, b in gaps) else CERTIFIED
+
+        monkeypatch.setattr(Promises, "verdict", verdict)
+        return asked.margin(gains, None)
+
+    assert margin() == (promises.MARGINS[-1] if last else promises.FARTHEST)
+    assert margin((0.0, 1.1)) == 0
+    assert margin((1.05, 1e9)) == (1.0 if last else pytest.approx(1.05, rel=0.01))
+    assert margin((1.2, 1.3)) == (1.0 if last else promises.FARTHEST)
+    assert margin((1.3, 1e9)) == (1.25 if last else pytest.approx(1.3, rel=0.01))
+    assert margin((1.3, 5.0), (6.0, 7.0)) == (1.25 if last else pytest.approx(1.3, rel=0.01))
+
+
+def test_what_is_asked_is_the_bounds_as_they_are_unless_a_margin_is_said(monkeypatch):
+    gains = SimpleNamespace(name="stable")
+    of = Promises((gains,), (Proved("margin>=1.5", "", 1.5),))
+    assert of.needed() == [(gains, 1.5, "margin>=1.5")]
+    kept = Promises((gains, SimpleNamespace(name="other")), kept=("stable",))
+    assert kept.needed() == [(gains, 1.0, "stable.certified")]
+    monkeypatch.setattr(promises.catalogue, "system_of_gains", lambda gains, loop: "system")
+    monkeypatch.setattr(Promises, "numbers", lambda self, gains, loop: {})
+    monkeypatch.setattr(promises, "with_margin", lambda system, numbers, margin: margin)
+    monkeypatch.setattr(promises, "is_last", lambda of: False)
+    monkeypatch.setattr(promises.proofs, "decide",
+                        lambda system, margin: SimpleNamespace(verdict=margin))  # fmt: skip
+    assert of.asked(gains, None) == ("system", 1.0)
+    assert of.decision(gains, None).verdict == of.verdict(gains, None) == 1.0
+    assert of.verdict(gains, None, 2.0) == 2.0
+
+
+def test_a_proof_is_written_of_the_bounds_and_of_the_margin_that_is_asked(monkeypatch):
+    """One that nobody asks for is written once."""
+    gains = tuple(SimpleNamespace(name=n) for n in ("asked", "beside"))
+    of = Promises(gains, (Proved("asked.margin>=1.5", "asked", 1.5),))
+    found = SimpleNamespace(tuned_loop=lambda: "loop", promises=of, frees=(), gains={}, name="x",
+                            statement=None)  # fmt: skip
+    monkeypatch.setattr(gain_files, "certificate", lambda g, loop, of, margin: (g.name, margin))
+    exact = gain_files.certificate_of(found, "slipctl tune")["exact"]
+    assert [e["certificate"] for e in exact] == [("asked", 1.0), ("asked", 1.5), ("beside", 1.0)]
+    assert [float(e["bounds_times"]) for e in exact] == [1.0, 1.5, 1.0]
 
 
 @pytest.mark.long

@@ -2,6 +2,7 @@
 
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from slipctl import simulate
 from slipctl.commands.cli import main
 from slipctl.design.levels import levels, places
-from slipctl.run.metrics import Run, measure
+from slipctl.run.metrics import Metric, Run, measure
 from slipctl.run.sweep.sweep_runs import Measured
 from slipctl.study.resolve import find_loop, load_study
 
@@ -28,6 +29,25 @@ def test_each_value_is_that_of_a_run_by_itself():
         log = simulate(own, CASE.scenario, compile=False)
         assert value == measure(Run(log, STUDY.signals, []))["distance"].value
     assert found.values[0][1] == found.here  # the design point is on the grid
+
+
+@pytest.mark.parametrize(("xs", "ys"), [([1.0, 2.0, 3.0], [5.0, 6.0]), ([1.0], [5.0, 6.0, 7.0])])
+def test_rows_of_a_grid_go_along_the_first_axis(xs, ys):
+    """A point whose run fails has no number; the share done rises to 1."""
+
+    def ended(k, numbers):
+        failed = "it fell over" if numbers == {"a": 1.0, "b": 6.0} else ""
+        value = 100 * numbers.get("a", 0.0) + numbers.get("b", 0.0)
+        return SimpleNamespace(failed=failed, metrics={"distance": Metric(value, "m")})
+
+    told = []
+    found = levels(SimpleNamespace(ended=ended), "distance", ("a", "b"), np.array(xs), np.array(ys),
+                   tell=told.append)  # fmt: skip
+    wanted = [[np.nan if (x, y) == (1.0, 6.0) else 100 * x + y for x in xs] for y in ys]
+    assert np.array_equal(found.values, wanted, equal_nan=True)
+    assert (found.here, found.unit) == (0.0, "m")
+    assert told == sorted(told)
+    assert (len(told), told[-1]) == (len(xs) * len(ys), 1.0)
 
 
 def test_axes_are_found_by_name_and_value():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from slipctl.certify.promise import exact_numbers
 from slipctl.certify.proofs import decide
 from slipctl.commands.certificates.certify import loop_verdict
 from slipctl.commands.cli import main
-from slipctl.design import maps
+from slipctl.design import gain_points, maps
 from slipctl.design.gain_points import replaced_numbers
 from slipctl.draw import regions
 from slipctl.study.jobs import Cores
@@ -58,6 +59,49 @@ def test_a_margin_is_a_factor_on_the_bound() -> None:
                 assert (decide(SYSTEM, at).verdict == "CERTIFIED") == (level <= m)
 
 
+@pytest.mark.parametrize("hole", ["UNDECIDED", BadInput("no"), ArithmeticError()])
+@pytest.mark.parametrize("at", range(len(maps.LEVELS)))
+def test_a_margin_is_that_up_to_which_every_one_is_proved(hole, at, monkeypatch) -> None:
+    """What is proved beyond one that is not counts for nothing."""
+
+    def decide(system: Any, level: float) -> Any:
+        if level != maps.LEVELS[at]:
+            return SimpleNamespace(verdict="CERTIFIED")
+        if isinstance(hole, str):
+            return SimpleNamespace(verdict=hole)
+        raise hole
+
+    monkeypatch.setattr(maps.proofs, "decide", decide)
+    monkeypatch.setattr(maps, "exact_numbers", lambda system, given: 1.0)
+    monkeypatch.setattr(maps, "with_margin", lambda system, numbers, level: level)
+    found = maps.point_verdict(lambda point: (None, point), {})  # type: ignore[arg-type, return-value]
+    assert found == ("CERTIFIED", (1.0, *maps.LEVELS)[at])
+
+
+def test_a_number_that_a_certificate_follows_has_a_place_at_either_end_of_its_range(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It is moved up, or down where it may not go up; one in a point of a range has no place."""
+    monkeypatch.setattr(gain_points, "places", lambda *given: ("ctl.k", "ctl.k"))
+    monkeypatch.setattr(gain_points, "check_guards", lambda loop: None)
+
+    def place(k: float, lo: float, hi: float, name: str = "k") -> str | None:
+        def moved(**own: float) -> Any:
+            (value,) = own.values()
+            if not lo <= value <= hi:
+                raise BadInput("outside")
+            return SimpleNamespace(k=value)
+
+        gains = SimpleNamespace(numbers=lambda loop: {"k": loop.k, "fixed": 7.0})
+        loop = SimpleNamespace(k=k, with_params=moved)
+        points = gain_points.GainPoints(gains, loop, "ctl")  # type: ignore[arg-type]
+        return points.place(name)
+
+    assert place(2.0, 1.0, 2.0) == place(2.0, 2.0, 9.0) == place(2.0, 0.0, 9.0) == "ctl.k"
+    assert place(2.0, 2.0, 2.0) is None
+    assert place(2.0, 0.0, 9.0, "fixed") is None
+
+
 def test_cores_change_nothing_and_cells_touch() -> None:
     """Two processes find what one finds; borders lie between cells that differ, and only there."""
     one = drawn(points=5)
@@ -68,6 +112,12 @@ def test_cores_change_nothing_and_cells_touch() -> None:
     assert sorted(lines) == [
         [(1.0, 1.0), (1.0, 2.0)], [(1.0, 1.0), (2.0, 1.0)], [(2.0, 0.0), (2.0, 1.0)]
     ]  # fmt: skip
+
+
+def test_an_axis_without_a_range_goes_from_a_tenth_to_ten_times_the_design_point() -> None:
+    x, y = maps.read_axes("k1,k2=1:60", SYSTEM, GIVEN)
+    assert (x.lo, x.hi) == pytest.approx((GIVEN["k1"] / 10, GIVEN["k1"] * 10))
+    assert (y.lo, y.hi) == (1.0, 60.0)
 
 
 @pytest.mark.parametrize(("axes", "said"), [

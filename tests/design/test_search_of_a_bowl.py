@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 from slipctl.design.fronts import FrontSearch, better
-from slipctl.design.gain_search import STAGES, Search
+from slipctl.design.gain_search import IDLE, STAGES, Search
 from slipctl.design.goals import Limit, Objective
 from slipctl.design.ranges import Free
 from slipctl.errors import BadInput
@@ -120,7 +121,7 @@ def test_the_best_stands_at_a_limit_that_keeps_it_off_the_bottom(upper):
     assert found.numbers["ctl.a"] == pytest.approx(1.6, rel=0.02)
 
 
-@pytest.mark.parametrize(("upper", "value"), [(True, 5.0), (False, 60.0)])
+@pytest.mark.parametrize(("upper", "value"), [(True, 5.0), (False, 60.0), (True, 0.0)])
 def test_a_limit_that_nothing_meets_is_refused_with_the_closest(upper, value):
     """b is from 10 to 30."""
     limit = Limit("level told", "level", upper, value, "N m")
@@ -148,6 +149,48 @@ def test_ranges_without_a_certificate_are_refused_with_the_closest():
     assert "(200 candidates)" in said
     assert float(said.split("proved up to ")[1].split()[0]) == pytest.approx(1.0, abs=0.15)
     assert said.endswith(", 1 are wanted")
+
+
+def test_the_closest_is_that_of_the_promise_that_was_not_kept():
+    """Of several that are asked, whichever stands first; the other is kept by all."""
+    others, stable = ("other", 1.0, "other holds"), ("stable", 1.0, "stable holds")
+    for asked in ([others, stable], [stable, others]):
+        search, _ = searched(fails=lambda n: "stable holds")
+        search.promises.needed = lambda asked=asked: asked
+        search.promises.margin = lambda gains, n: {"other": 9.0, "stable": 0.5}[gains]
+        with pytest.raises(BadInput, match=r"is proved up to 0\.5 times the bounds, 1 are wanted"):
+            search.run()
+
+
+@pytest.mark.parametrize(("now", "share"), [((0.5, 40.0), (0, 1)), ((3.5, 10.0), (1, 0))])
+def test_numbers_set_by_hand_beyond_their_range_stand_at_its_end(now, share):
+    """As a place of a search; they run as they are."""
+    frees = [replace(f, now=v) for f, v in zip(FREES, now, strict=True)]
+    search, _ = searched(frees=frees)
+    assert list(search.by_hand.share) == list(share)
+    assert tuple(search.by_hand.numbers.values()) == now
+
+
+@pytest.mark.parametrize("kind", [Search, FrontSearch])
+def test_each_member_has_at_most_one_trial_a_generation(kind, monkeypatch):
+    """One that has no certificate is drawn again, one that has is not."""
+    more = {"others": [LEVEL]} if kind is FrontSearch else {}
+    search, _ = searched(kind, runs=600, fails=lambda n: "no" * (n["ctl.a"] > 2.95), **more)
+    raced, race = [], search.race
+    monkeypatch.setattr(search, "race", lambda pairs: raced.append(pairs) or race(pairs))
+    search.run()
+    several = [[id(member) for _, member in pairs] for pairs in raced[1:]]
+    assert any(len(members) > 3 for members in several)
+    assert all(len(set(members)) == len(members) for members in several)
+
+
+@pytest.mark.parametrize("late", [True, False])
+def test_a_search_without_trials_ends_where_its_proofs_take_long(late, monkeypatch):
+    search, _ = searched(late=Late(0.0) if late else None)
+    asked = []
+    monkeypatch.setattr(search, "_generation", lambda generation: asked.append(generation) or 0)
+    search.run()
+    assert len(asked) == (IDLE if late else 200)
 
 
 def test_a_run_that_breaks_counts_as_worst_and_breaks_nothing():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,13 @@ from hypothesis import strategies as st
 from slipctl import BadInput, Ensemble, Gains, Known, Rail, Section, Signals, prepare, simulate
 from slipctl.commands.cli import main
 from slipctl.design import fronts, gain_files, gain_search, goals
+from slipctl.design import tune as tune_module
 from slipctl.design.gain_search import Candidate, is_behind
 from slipctl.design.goals import Limit, Score, paired_difference, read_objective
 from slipctl.design.ranges import Free
 from slipctl.design.rolls import Rolls
 from slipctl.design.tune import Stopped, Tuned, tune
+from slipctl.errors import RunFailed
 from slipctl.run.metrics import Metric
 from slipctl.run.sweep.ensemble import World, read_ensemble
 from slipctl.run.sweep.sweep_plan import Axis
@@ -115,6 +118,62 @@ def test_ensembles_that_are_none(table: Any, said: str) -> None:
 def test_ensembles_that_do_not_fit_the_loop(ensemble: Ensemble, said: str) -> None:
     with pytest.raises(BadInput, match=said):
         World(LOOP, SCENARIO, ensemble, known=KNOWN, compile=False)
+
+
+def test_what_stops_a_run_stops_the_search_and_what_fails_does_not() -> None:
+    """What had ended before is kept."""
+
+    class Falls:
+        def draw(self, stream: int, k: int) -> int:
+            return k
+
+        def metrics(self, numbers: Any, k: int) -> dict[str, int]:
+            if k == 1:
+                raise RunFailed("it fell over")
+            if k == 2:
+                raise OSError("no room")
+            return {"k": k}
+
+    rolls = Rolls(Falls())  # type: ignore[arg-type]
+    assert rolls.all(0, [(7, {}, 0), (7, {}, 1)]) == [{"k": 0}, None]
+    with pytest.raises(OSError, match="no room"):
+        rolls.all(0, [(7, {}, 0), (7, {}, 2)])
+    assert rolls.all(0, [(7, {}, 3)]) == [{"k": 3}]
+
+
+@pytest.mark.parametrize("fails", [0, 1, 2, 3])
+def test_metrics_are_those_of_the_first_draw_that_runs(fails: int) -> None:
+    """Where none does, the reason of the last is told."""
+
+    class Falls:
+        def draw(self, stream: int, k: int) -> int:
+            return k
+
+        def metrics(self, numbers: Any, k: int) -> int:
+            if k < fails:
+                raise RunFailed(f"draw {k} fell over")
+            return k
+
+    with pytest.raises(RunFailed, match="draw 2") if fails == 3 else nullcontext():
+        assert tune_module._metrics_of_first(Falls(), {}, 3) == fails  # type: ignore[arg-type]
+
+
+def test_what_goes_on_is_told_up_to_its_end() -> None:
+    """All runs may have ended before it has."""
+    told: list[tuple[str, float]] = []
+    rolls = Rolls(None)  # type: ignore[arg-type]
+    rolls.progress = lambda stage, share: told.append((stage, share))
+    rolls.advance()
+    rolls.end()
+    assert told == []
+    rolls.begin("search", 4)
+    for _ in range(5):
+        rolls.advance()
+    rolls.end()
+    shares = [share for _, share in told]
+    assert shares[:4] == [0.0, 0.25, 0.5, 0.75]
+    assert all(0.75 < share < 1 for share in shares[4:-1])
+    assert told[-1] == ("search", 1.0)
 
 
 def test_seeds_have_no_effect_where_nothing_is_noisy() -> None:

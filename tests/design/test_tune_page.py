@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from html import unescape
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from test_tune import GAINS, tuned
 
 from slipctl.design import judgement, page
+from slipctl.design.goals import Score
 from slipctl.design.tune import Tuned
 from slipctl.study.report.texts import number
 
@@ -67,6 +69,32 @@ def test_draws_that_keep_a_limit_are_counted(one: Tuned) -> None:
     limit = one.search.limits[0]
     assert cells(page.judged_rows(one), f"draws with {limit.text}") == [f"{k} of 4" for k in kept]
     assert limit.text in page.text(one)
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 0, 2)])
+def test_an_objective_that_is_never_reached_ends_no_list_of_differences(order, monkeypatch) -> None:
+    """Its lost draws are told; of each other one the mean, of the draws that both reach."""
+    never, some = [math.inf, math.inf, math.inf, math.inf], [1.0, 2.0, math.inf, 4.0]
+    values = [(never, never), (some, [2.0, 3.0, 4.0, 6.0]), ([1.0] * 4, [2.0, 2.0, 2.0, 2.5])]
+    each = [
+        SimpleNamespace(
+            tuned=Score(a, []), by_hand=Score(b, []), error=0.1,
+            difference=math.nan if a is never else -1.0,
+        )
+        for a, b in values
+    ]  # fmt: skip
+    judged = SimpleNamespace(each=[each[k] for k in order])
+    names = [SimpleNamespace(text="abc"[k]) for k in order]
+    search = SimpleNamespace(best=1, by_hand=2, objectives=names)
+    monkeypatch.setattr(page, "_units", lambda found: ["m", "m", "m"])
+    lines = page.differences(SimpleNamespace(judged=judged, search=search))
+    told = [line for line in lines if line.startswith("mean")]
+    assert [line.split()[1] for line in told] == ["abc"[k] for k in order if k]
+    assert "b of 3 held-out draws that both reach: 2.33333 m tuned, 3.66667 m" in "".join(told)
+    lost = sorted(line for line in lines if "never reached" in line)
+    assert [line.split(" in ")[1:] for line in lost] == [
+        ["4 of 4 held-out draws tuned,", "4 by hand"], ["1 of 4 held-out draws tuned,", "0 by hand"]
+    ]  # fmt: skip
 
 
 def test_the_differences_are_told_for_each_objective(found: Tuned) -> None:

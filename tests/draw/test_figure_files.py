@@ -51,6 +51,21 @@ def test_panels_with_their_labels_lie_in_the_figure_and_on_no_other(
     assert widths == pytest.approx([share * widths[0] / shares[0] for share in shares])
 
 
+@pytest.mark.parametrize("hidden", [0, 1])
+def test_a_panel_that_is_hidden_takes_no_room_from_others(hidden):
+    """Whichever of them it is, the labels of the other lie in the figure."""
+    fig, axes = plots.panels(2)
+    for axis in axes.flat:
+        axis.set_ylabel("torque [kN m]")
+        axis.set_xlabel("time [s]")
+    axes[hidden, 0].set_visible(False)
+    plots.svg_text(fig)
+    fig.set_layout_engine("none")
+    box = axes[1 - hidden, 0].get_tightbbox()
+    assert min(box.x0, box.y0) > -1
+    assert box.x1 < fig.bbox.x1 + 1
+
+
 def picture():
     """A figure of all that figures here are made of, but letters."""
     fig, axes = plots.panels(1, 2)

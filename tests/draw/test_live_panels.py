@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import permutations
+
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -46,6 +48,17 @@ def test_what_a_curve_hides_is_their_difference():
     assert curve.y == pytest.approx(off)
     assert list(curve.t) == list(T)
     assert one.bands == [(0.0, 5.0, "#ffffff", "")]
+
+
+@pytest.mark.parametrize("order", permutations(range(4)))
+def test_what_hides_nothing_ends_no_search(order):
+    """A thin curve, a short one, one that is farther: wherever they stand between two others."""
+    y = np.sin(T)
+    others = [("thin", T, y, "#0", "", True), ("short", T[:2], y[:2], "#0"),
+              ("far", T, y + 50, "#2"), ("b", T, y, "#3")]  # fmt: skip
+    found, told = differences(("a", T, y + 0.02, "#1"), *(others[k] for k in order))
+    assert [p.curves[0].name for p in found] == ["a − b"]
+    assert len(told) == 1
 
 
 def test_curves_of_other_times_are_compared_where_both_are():

@@ -162,6 +162,15 @@ def test_regions_have_their_borders_and_names() -> None:
     assert not drawn().get_lines()
 
 
+def test_borders_lie_between_cells_of_different_regions_row_by_row() -> None:
+    codes = np.array([[0, 1], [0, 1], [2, 2], [2, 0]])
+    xs, ys = np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 2.0, 3.0, 4.0])
+    found = {tuple(map(tuple, np.asarray(s).tolist())) for s in regions._borders(codes, xs, ys)}
+    upright = {((1.0, j), (1.0, j + 1)) for j in (0.0, 1.0, 3.0)}
+    level = {((0.0, 2.0), (1.0, 2.0)), ((1.0, 2.0), (2.0, 2.0)), ((1.0, 3.0), (2.0, 3.0))}
+    assert found == upright | level
+
+
 def test_level_lines_are_those_of_the_quantity() -> None:
     """Each in the legend once; none where there is no number."""
     x, y = np.array([1.5, 3.0, 6.0]), np.array([5.0, 15.0])

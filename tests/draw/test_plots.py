@@ -11,6 +11,7 @@ import toy_study
 from slipctl import BadInput
 from slipctl.block.units.unit_algebra import display_scale
 from slipctl.draw import figure_files, looks, mathml, plots, show
+from slipctl.run.results import NotRun
 from slipctl.study import case_setup, execution, resolve
 
 
@@ -142,6 +143,11 @@ def test_traces_have_units_bands_and_one_legend(results) -> None:
         plots.traces(results, "base", signals=["torqe"])
 
 
+def test_what_was_not_run_is_not_drawn(results) -> None:
+    with pytest.raises(NotRun, match="nobody was not run"):
+        plots.traces(results, "nobody", signals=["slip"])
+
+
 def test_every_helper_labels_its_axes() -> None:
     y = ("error", "m/s")
     drawn = [
@@ -193,6 +199,11 @@ def test_mathml_of_each_construct() -> None:
     words = '<mi mathvariant="normal">{}</mi>'
     assert words.format("a{b}c") + "<mo>+</mo><mi>d</mi>" in rendered(r"\mathrm{a{b}c} + d")
     assert words.format("T_b") + "<mi>x</mi>" in rendered(r"\mathrm{T\_b}x")
+
+
+def test_what_follows_cases_stands_behind_them() -> None:
+    text = rendered(r"x = \begin{cases} 1 & a \\ 2 & b \end{cases} + c")
+    assert text.endswith("</mtable></mrow><mo>+</mo><mi>c</mi></mrow>")
 
 
 def test_rows_of_a_display() -> None:
@@ -266,3 +277,66 @@ def test_of_more_than_ten_names_below_an_axis_neighbours_stand_on_lines_of_their
     few, many = (looks.names_below({f"name_{k}": 0 for k in range(n)}) for n in (10, 14))
     assert not any("\n" in n for n in few)
     assert [n.startswith("\n") for n in many] == [bool(k % 2) for k in range(14)]
+
+
+def within(text, fig):
+    """Box of a text of a figure in its pixels."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas = FigureCanvasAgg(fig)
+    canvas.draw()
+    return text.get_window_extent(canvas.get_renderer())
+
+
+def test_that_a_run_was_quick_is_said_within_the_figure():
+    fig, _ = plots.panels()
+    plots.mark_quick(fig)
+    box = within(fig.texts[0], fig)
+    assert 0 <= box.x0 < box.x1 <= fig.bbox.width
+    assert 0 <= box.y0 < box.y1 <= fig.bbox.height
+
+
+def test_rails_are_named_right_above_the_panel(results):
+    fig = plots.traces(results, "base", signals=["slip"])
+    axis = fig.axes[0]
+    for text in axis.texts:
+        assert within(text, fig).y0 == pytest.approx(axis.bbox.y1, abs=6)
+
+
+def test_rails_that_come_later_are_shown_where_the_first_is_over(results):
+    axis = plots.traces(results, "base", signals=["slip"], span=(0.4, 0.6)).axes[0]
+    assert [t.get_text() for t in axis.texts] == ["ice"]
+    assert axis.get_xlim() == (0.4, 0.6)
+
+
+def test_a_reference_is_drawn_once_where_loops_share_it_and_else_for_each(results):
+    """Whatever order the loops stand in."""
+    log = results.log("base", "soft")
+    other = log.assign({n: log[n] + 1.0 for n in log})
+    for logs in ([log, log, other], [log, other, log], [other, log, log]):
+        _, axes = plots.panels()
+        named = dict(zip("abc", logs, strict=True))
+        plots._references(axes[0, 0], results, named, "reference", None, {})
+        assert len({tuple(line.get_ydata()) for line in axes[0, 0].lines}) == 2
+        assert len(axes[0, 0].lines) == 2
+
+
+@pytest.mark.parametrize(("apart", "share", "found"), [
+    (0.0079, 1.0, 1), (0.0084, 1.0, 0), (0.0, 0.205, 1), (0.0, 0.195, 0),
+])  # fmt: skip
+def test_two_curves_look_like_one_within_008_of_the_height_over_a_fifth(apart, share, found):
+    x = np.linspace(0, 1, 1001)
+    y = np.where(x <= share, apart, 0.5)
+    assert looks.covered_curves((x, y), [(x, 0 * x)], height=1.0) == found
+
+
+def test_a_legend_of_one_lower_panel_stands_in_the_middle_above_it():
+    fig, axes = plots.panels(2)
+    axes[0, 0].plot([0, 1], [0, 1])
+    plots.lines({"a": ([0, 1], [0, 1]), "b": ([0, 1], [1, 0])}, ("t", "s"), ("y", ""),
+                axis=axes[1, 0])  # fmt: skip
+    looks.legends_aside(fig)
+    panel = axes[1, 0]
+    box = within(panel.get_legend(), fig)
+    assert (box.x0 + box.x1) / 2 == pytest.approx((panel.bbox.x0 + panel.bbox.x1) / 2, abs=2)
+    assert panel.bbox.y1 <= box.y0 < panel.bbox.y1 + 12

@@ -383,6 +383,15 @@ def test_blocks_that_are_no_scalar_formulas_are_shown_all_the_same():
     assert "in matrices and loops" in show.latex(block)
     assert "no difference" in show.difference(block, block)
     assert "<svg" in show.svg(block)
+
+    @law(y=Output("m"))
+    def mapped(u=Input("m", "u")):
+        """Its formula."""
+        return 3 * u
+
+    for pair in ((block, mapped), (mapped, block)):
+        text = show.difference(*pair)
+        assert all(f"{sign} built by a transform" in text for sign in "-+")
     both = connect("both", {"m.u": "u"}, m=block, d=curve)
     assert "in matrices and loops" in show.text(both)
     assert "mu = c*(exp(-a*v_s) - exp(-b*v_s))" in show.text(both)
@@ -456,6 +465,24 @@ def test_letters_alone_are_no_difference():
 
     text = show.difference(first, second.renamed("first"))
     assert "Equations" not in text
+
+
+def test_equations_behind_one_that_is_the_same_are_compared_too():
+    @law(p=Output("m"), q=Output("m"), r=Output("m"))
+    def first(a=Input("m", ""), b=Input("1", "")):
+        """Three products."""
+        return dict(p=a * b, q=2 * a, r=a * b * b)
+
+    @law(p=Output("m"), q=Output("m"), r=Output("m"))
+    def second(a=Input("m", ""), b=Input("1", "")):
+        """Three products."""
+        return dict(p=a * b, q=3 * a, r=a * b * b)
+
+    text = show.difference(first, second.renamed("first"))
+    assert "- q = 2*a" in text
+    assert "+ q = 3*a" in text
+    assert "p =" not in text
+    assert "r =" not in text
 
 
 def test_parts_wires_and_signals_that_come_and_go():

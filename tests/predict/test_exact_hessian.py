@@ -169,6 +169,16 @@ def test_generated_c_bends_alike(tmp_path):
     assert codegen.check(block, given, tmp_path)["passed"]
 
 
+def test_what_is_damped_moves_less_by_the_damping_alone():
+    """The more, the less; the step tends to the gradient over the damping."""
+    block = make(hessian="exact", horizon=2, damping=1.0, rescue=0)
+    given = {"v": 0.0, "w": 2.0}
+    rest = block.with_params(damping=1e12)(**given)[1]["F"]
+    moved = [abs(block.with_params(damping=d)(**given)[1]["F"] - rest) for d in (1e-6, 1e7, 1e9)]
+    assert moved[0] > moved[1] > moved[2] > 0
+    assert moved[1] == pytest.approx(100 * moved[2], rel=0.01)
+
+
 def test_show_says_so():
     text = show.text(make(hessian="exact"), False)
     assert "exact Hessian, made convex" in text

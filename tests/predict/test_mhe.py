@@ -223,6 +223,7 @@ BAD = [
     (dict(period=0.0), "period = 0 s must be positive"),
     (dict(limits={"d": (1.0, 0.0)}), "d from 1 to 0 m/s\\^2 leaves nothing"),
     (dict(limits={"d": (None, None)}), "d has no range"),
+    (dict(limits={"d": ("a", 1.0)}), "limits of d: an end takes a number"),
     (dict(limits={"d": 1.0}), r"limits of d: 1.0 is not \(lo, hi\)"),
     (dict(limits={"F": (0.0, 1.0)}), "limits of 'F', which is not estimated"),
     (dict(limits=3), "give limits="),

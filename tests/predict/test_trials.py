@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import pairwise, permutations
 from types import SimpleNamespace
 
 import casadi as ca
@@ -26,6 +26,7 @@ from slipctl import (
     step,
 )
 from slipctl.predict import trials
+from slipctl.predict.controller import Controller
 from slipctl.predict.stages.horizon import Horizon
 
 # ---- trials --------------------------------------------------------------------------------------
@@ -237,6 +238,22 @@ def test_a_soft_limit_that_a_stage_has_not_lies_far_below_and_hides_no_other() -
     assert rows() == [-1.0] * 6
     stub.soft = []
     assert rows() == []
+
+
+@pytest.mark.parametrize("order", permutations(["0.a", "1.a", "0.b", "1.b"]))
+def test_every_limit_has_its_numbers_once_for_all_scenarios(order) -> None:
+    """Whatever order limits and scenarios stand in: ends, and the weights that a soft one has."""
+    limit = SimpleNamespace(lo=-1.0, hi=2.0, weight=3.0, linear=4.0, hard=False)
+    stub = SimpleNamespace(
+        weights={}, limits={}, rate={}, softs=dict.fromkeys(order, limit),
+        _of_scenario=lambda n: int(n[0]), _limited=lambda n: f"path.{n[2:]}",
+        _signal=lambda n: SimpleNamespace(unit="m"), h=SimpleNamespace(damped=False), unknown=(),
+    )  # fmt: skip
+    found = [s.name for s in Controller.settings(stub)]
+    assert len(set(found)) == len(found)
+    kinds = [{n.partition("_")[2] for n in found if n.startswith(f"{a}_")} for a in "ab"]
+    assert kinds[0] == kinds[1] > {"min", "max"}
+    assert len(found) == 2 * len(kinds[0])
 
 
 @pytest.mark.parametrize(

@@ -572,6 +572,7 @@ def test_a_recorded_log_is_drawn_as_it_was_recorded(tmp_path, monkeypatch):
     assert (model["log"], model["sliders"], model["text"]) == ("run.csv", [], None)
     head, columns = next(f for f in answered(answers, kind="run") if "rows" in f[0])
     assert [(p["name"], p["unit"]) for p in head["panels"]] == [("v", "km/h")]
+    assert head["share"] == 1.0
     assert columns[0] == pytest.approx(0.1 * np.arange(30), abs=1e-6)
     assert columns[1] == pytest.approx(60.0 - np.arange(30))
     told = answered(answers, kind="doubts")[-1][0]["warnings"]
