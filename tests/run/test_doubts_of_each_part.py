@@ -87,6 +87,25 @@ def test_each_state_off_its_range_is_told_behind_one_that_is_not_logged():
         assert "leaves its range, 0 .. 2, at 8 s, and comes to 2.5:" in lines[0]
 
 
+@step(period=H)
+def sure(held=State("m/s", 5.0, "estimate", deviation="sqrt(P)", truth="y"),
+         P=State("(m/s)^2", 0.01, "its variance"), v=Input("m/s", "truth")):  # fmt: skip
+    """Estimates a speed that it hears."""
+    return dict(held=held + 0 * v, P=P), {}
+
+
+def test_each_estimate_that_is_off_is_told_behind_one_that_is_not_logged():
+    """a and b are 10 deviations off, and only b says its own; c is one off."""
+    for names in permutations("abc"):
+        wires = {f"{n}.v": "car.y" for n in names}
+        loop = connect("loop", wires, car=stepped, **dict.fromkeys(names, sure))
+        log = {"time": TIME, "car.y": np.full(1001, 4.0)}
+        for n, known in (("a", ("held",)), ("b", ("held", "P")), ("c", ("held", "P"))):
+            log |= {f"{n}.{k}": np.full(1001, {"held": 5.0, "P": 0.01}[k]) for k in known}
+        log["c.held"] = np.full(1001, 4.1)
+        assert names_of(warnings_of_log(loop, RUN, log)) == {"b.held"}
+
+
 def test_each_sensor_with_less_noise_than_steps_is_told_behind_one_without():
     """A tenth in steps errs by 0.1/sqrt(12) = 0.0289."""
     fine, still = coarse.with_params(sigma=0.03), coarse.with_params(sigma=0.0)

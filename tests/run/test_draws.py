@@ -88,9 +88,11 @@ def world(ensemble, scenario=PLAIN, **more):
     return World(car, scenario, ensemble, compile=False, **more)
 
 
-def test_a_draw_is_of_its_number_in_its_ranges_and_scales_what_it_names():
+@pytest.mark.parametrize("names", ["c, best", "best, c"])
+def test_a_draw_is_of_its_number_in_its_ranges_and_scales_what_it_names(names):
     """A number of the loop, one of the rail in each section, and what is known beside."""
-    ensemble = Ensemble({"m": "50:150"}, {"f": "0.5:0.8 of c, best", "g": "1:2 of v"}, seeds=True)
+    scale = {"f": f"0.5:0.8 of {names}", "g": "1:2 of v"}
+    ensemble = Ensemble({"m": "50:150"}, scale, seeds=True)
     known = {"best": Known("m/s", [1.0, 3.0]), "other": Known("m/s", 4.0)}
     drawn = world(ensemble, RAILED, known=known, seed=3)
     assert [(a.name, a.lo, a.hi) for a in drawn.ranges] == [

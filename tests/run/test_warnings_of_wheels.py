@@ -2,12 +2,13 @@
 
 import math
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from slipctl import BadInput, prepare
+from slipctl import BadInput, Input, Output, Scenario, State, connect, prepare, step
 from slipctl.block.reach import reach_text, with_reach
 from slipctl.models.huang_2020.subway_braking import double_exponential
 from slipctl.models.vehicle import (
@@ -160,3 +161,21 @@ def test_a_demand_by_place_that_the_run_does_not_come_to_is_told():
     far = log["plant.train.x"].max()
     assert lines == [f"the demand changes at 900 m, and the run ends at {far:.4g} m"]
     assert told(demand=Constant(deceleration=0.1, until="20 m"))[1] == []
+
+
+@step(period=0.01, v_s=Output("m/s", "slip", positive="braking", per="speed"))
+def axle(n=State("1", 0.0), mu=Input("1", "adhesion", positive="braking")):
+    """Something that slips."""
+    return dict(n=n), dict(v_s=n + 0 * mu)
+
+
+def test_each_wheel_that_slides_is_told_behind_one_that_may_or_is_not_logged():
+    """One may lock by its law, the slip of another is not logged, one is beyond 4 m/s."""
+    laws = {"free": exponential_tail, "unseen": double_exponential, "beyond": double_exponential}
+    time = 0.01 * np.arange(101)
+    log = {"time": time} | {f"{n}.axle.v_s": 5 * time for n in ("free", "beyond")}
+    for names in permutations(laws):
+        parts = {n: connect("part", {"adh.v_s": "axle.v_s"}, axle=axle, adh=laws[n]) for n in names}
+        (line,) = wheels.wheel_warnings(connect("loop", {}, **parts), Scenario("s", 1.0), log)
+        assert "slides at 5 m/s of slip" in line
+        assert "from 0.81 s on" in line
