@@ -197,7 +197,7 @@ def test_line_of_a_key() -> None:
     """Keys in tables, inline tables and texts of several lines are found; a comment is no line."""
     text = 'title = """\na\n"""\n\n# x\n[a]\nb = 1\n[a.c]\nd = { e = 3 }\n'
     places = {("title",): 1, ("a",): 6, ("a", "b"): 7, ("a", "c", "d"): 9, ("a", "c", "d", "e"): 9,
-              ("a", "z"): 6}  # fmt: skip
+              ("a", "z"): 6, ("x", "a"): 1, ("a", "x", "b"): 6}  # fmt: skip
     assert {keys: equation_files.line_of(text, keys) for keys in places} == places
 
 

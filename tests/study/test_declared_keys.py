@@ -46,6 +46,14 @@ def test_all_parts_are_tried():
     assert len(NUMBERS) > 150
 
 
+def test_each_key_is_told_in_whatever_order_they_stand():
+    """All but those of the rest, and the kind where it says nothing."""
+    for kind in PARTS.values():
+        wanted = [f for f in fields(kind) if not f.metadata.get("rest")]
+        told = [key.name for key in declared_parts.keys_of(kind)]
+        assert [n for n in told if n != "kind"] == [key_of(f) for f in wanted if f.name != "kind"]
+
+
 @pytest.mark.parametrize(("name", "f"), NUMBERS, ids=[f"{name}.{key_of(f)}" for name, f in NUMBERS])
 def test_a_number_is_one_in_its_unit_and_range(name: str, f: Any) -> None:
     kind, key, meta = PARTS[name], key_of(f), f.metadata
