@@ -253,6 +253,16 @@ def test_values_out_of_range_are_refused_everywhere(how):
         block.with_params(**{at + "q": 3.0})
 
 
+@pytest.mark.parametrize("wrong", [{"m": "ten"}, {"m": -1.0}, {"r": "ten"}])
+@pytest.mark.parametrize("more", [{}, {"v_0": 3.0}, {"v_0": "2 * r"}])
+def test_a_value_that_is_refused_is_refused_beside_others(wrong, more):
+    """A number or an expression, in whatever order they are given."""
+    block, at = wrapped(moving_body)["alone"]
+    for values in (wrong | more, more | wrong):
+        with pytest.raises(BadInput, match=f"{next(iter(wrong))} "):
+            block.with_params(**{at + n: v for n, v in values.items()})
+
+
 def test_derived_values_that_go_in_a_circle_are_named():
     params = [Param("1", "c + 1").named("b"), Param("1", "b").named("c")]
     circle = make_block("circle", "law", lambda x, u, p: ({}, {}), params=params)

@@ -143,6 +143,9 @@ def test_swapped_and_certified() -> None:
         ("lambda = 3", ["is a word of the grammar"]),
         ("mu = c on wet: d = 3 where c = 1", ["there is no parameter 'd'"]),
         ("mu = foo(v)*c where v [m/s", ["there is no function foo"]),
+        ("a = v + m; b = a*v; c = 2*v; d = c - m where v [m/s], m [kg]",
+         ["a: column 5: 'v' [m/s] cannot be added", "d: column 34: "]),
+        ("mu = c on wet c = 2 on icy d = 3 where c = 1", ["'on wet c = 2'", "'on icy d = 3'"]),
         ("", ["there is no equation"]),
     ],
 )  # fmt: skip
