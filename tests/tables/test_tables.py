@@ -306,3 +306,4 @@ def test_a_column_is_found_by_its_name_in_any_letters_or_by_its_head(tmp_path: P
     path.write_text("t [s];x;x;y\n0;1;2;3\n1;2;3;4\n")
     with pytest.raises(BadInput, match="its head has two columns 'x'; rename one"):
         read_table(path).find("x")
+    assert read_table(path).numbers("y").tolist() == [3, 4]
