@@ -193,3 +193,15 @@ def test_a_number_that_is_to_be_seen_is_none_of_those_before(numbers, hi):
     row = _other([Param("1", (1.0, 4.0), shape=(2,), hi=hi).named("row")], (2.0, 4.0))
     assert row[1] != 4.0
     assert row == pytest.approx([2.0, 4.0], rel=1e-8)
+
+
+def test_what_an_ensemble_cannot_be_made_of_is_refused_as_it_is_made():
+    for given in ({"draw": 3}, {"scale": "0.8:1.2 of m"}, {"draw": {"m": "1:2"}, "seeds": "yes"}):
+        with pytest.raises(BadInput):
+            Ensemble(**given)
+
+
+def test_more_numbers_than_a_sobol_sequence_has_are_refused(monkeypatch):
+    monkeypatch.setattr(qmc.Sobol, "MAXDIM", 1)
+    with pytest.raises(BadInput, match="draws at most 1 numbers"):
+        plan_of(car, PLAIN, ["m=10:30", "v=1:2"], samples=4, design="sobol").numbers(0)

@@ -22,6 +22,7 @@ from hypothesis import strategies as st
 from slipctl import (
     BadInput,
     Block,
+    End,
     Param,
     Rail,
     RunFailed,
@@ -454,9 +455,19 @@ def test_a_batch_that_is_lost_or_given_up_is_rolled_again_and_no_other_is_left_o
         given = {"samples": 9, "compile": False, "jobs": 1} | more
         return sweep(counter, Scenario("s", 0.2), ["k=1:2"], tmp_path / folder, **given)
 
+    with pytest.raises(BadInput, match="--jobs"):
+        runs("none", jobs=0)
     if len(ends) > 5:
         with pytest.raises(RunFailed, match="the same command resumes it"):
             runs("there", scheduler="tcp://fake")
     found = runs("there", scheduler="tcp://fake")
     assert found.runs == runs("here").runs
     assert not found.missing
+
+
+def test_changes_of_a_rail_by_time_are_those_until_the_run_ended():
+    rail = Rail([Section(t, None, {"k": 1.0 + t}) for t in (0.0, 0.5, 2.0)])
+    scenario = Scenario("s", 3.0, rail, end=End("n", above=4.0))
+    for last, wanted in ((0.4, []), (0.5, [0.5]), (1.9, [0.5]), (2.0, [0.5, 2.0])):
+        log = xarray.Dataset(coords={"time": np.linspace(0.0, last, 5)})
+        assert rail_changes(log, scenario, Signals()) == wanted
