@@ -279,6 +279,15 @@ def test_intermediate_results_keep_their_letters_but_never_a_misleading_one():
     assert write.root(g.roots["q"][0]) == "2*(F + 1) + x"
 
 
+@pytest.mark.parametrize(
+    ("product", "told"),
+    [(((x * x) * y) * y, "x^2*y^2"), ((x * y) * y * y, "x*y^3"), ((x * y) * x, "x*y*x"),
+     (x * x * x * y / z / z, "x^3*y/z^2")],
+)  # fmt: skip
+def test_factors_that_follow_each_other_are_one_power(product, told):
+    assert written(product) == told
+
+
 def test_an_element_has_its_letter_whatever_the_others_are():
     """The first is a signal, the second no part of the equation."""
     row = ca.vertcat(x, ca.cos(x), ca.sin(x) * y)
