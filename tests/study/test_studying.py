@@ -98,6 +98,19 @@ def test_a_close_verdict_says_what_turns_it() -> None:
     assert verdict({"a": 1.0, "b": 1.0}, **order) == ("not reproduced", "a and b tie")
 
 
+@pytest.mark.parametrize(("share", "close"), [(0.096, True), (0.104, False)])
+def test_close_is_a_tenth_of_what_is_allowed_and_a_hundredth_in_an_order(share, close) -> None:
+    """On either side of the end."""
+    for sign in (1, -1):
+        ours = 0.045 - sign * share * 0.005
+        assert ("close" in verdict(ours, paper="0.04", tolerance="last digit")[1]) == close
+        both = {"a": 1.0, "b": 1.0 - share / 10}
+        found = verdict(
+            both if sign > 0 else {"a": both["b"], "b": 1.0}, kind="order", paper="a > b"
+        )
+        assert ("close" in found[1]) == close
+
+
 def test_yes_or_no() -> None:
     assert verdict(np.bool_(True), kind="yes/no", paper=True)[0] == "reproduced"
     assert verdict(False, kind="yes/no", paper=True)[0] == "not reproduced"

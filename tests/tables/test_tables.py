@@ -307,3 +307,15 @@ def test_a_column_is_found_by_its_name_in_any_letters_or_by_its_head(tmp_path: P
     with pytest.raises(BadInput, match="its head has two columns 'x'; rename one"):
         read_table(path).find("x")
     assert read_table(path).numbers("y").tolist() == [3, 4]
+
+
+@pytest.mark.parametrize(("value", "fine"), [("0.95e30", True), ("1.05e30", False)])
+def test_a_number_beyond_what_can_be_squared_is_refused_whatever_its_sign(tmp_path, value, fine):
+    path = tmp_path / "log.csv"
+    for sign in ("", "-"):
+        path.write_text(f"t [s];v\n0;{sign}{value}\n1;2\n", encoding="utf-8")
+        if fine:
+            assert abs(read_table(path).numbers("v")[0]) == float(value)
+        else:
+            with pytest.raises(BadInput, match="beyond what can be squared"):
+                read_table(path).numbers("v")
