@@ -345,7 +345,7 @@ def results() -> Results:
 @pytest.mark.parametrize("count", [1, 2])
 def test_jobs_beside_the_runs_are_done_and_not_counted_as_runs(count: int) -> None:
     cases, models = case_setup.prepare(toy_study.study, quick=True)
-    heard: list[str] = []
+    heard: dict[str, float] = {}
     found: dict[str, Any] = {}
 
     def broken(tell: Any) -> str:
@@ -354,13 +354,14 @@ def test_jobs_beside_the_runs_are_done_and_not_counted_as_runs(count: int) -> No
     with Cores(count) as cores:
         results = execution.run(
             toy_study.study, cases, models, quick=True, experiments=False, cores=cores,
-            report=lambda what, share: heard.append(what),
+            report=heard.__setitem__,
             beside={"page": lambda tell: "text", "bad": broken}, take=found.__setitem__,
         )  # fmt: skip
     assert found["page"].get() == "text"
     with pytest.raises(RunFailed, match="no page"):
         found["bad"].get()
     assert set(heard) == {f"{s}/{n}" for s, logs in results.data.items() for n in logs}
+    assert set(heard.values()) == {1}  # the share that was told last
     assert not results.failed
 
 
