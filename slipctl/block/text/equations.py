@@ -18,7 +18,6 @@ from functools import partial
 from typing import Any
 
 from slipctl.block.block import Block, Exprs, make_block
-from slipctl.block.declare import check_conditions
 from slipctl.block.signals import Signal
 from slipctl.block.text import expression, formula
 from slipctl.block.text.expression import Expression, interpolated
@@ -191,7 +190,6 @@ class _Reader(Meanings):
         values = self.condition_values(conditions, {s.name: s for s in signals})
         self.stop()
         try:
-            check_conditions(name or kind, values, {s.name: s for s in signals})
             made = make_block(
                 name or kind, kind, equations.body, period=seconds, doc=doc, units=units,
                 conditions=values, **_by_role(signals),
