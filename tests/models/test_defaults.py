@@ -1,4 +1,4 @@
-"""Units, defaults, ranges and signs of shipped models change on purpose only: files rely on them.
+"""Units, defaults, ranges and signs of models and seekers change on purpose: files rely on them.
 
 ``python tests/models/test_defaults.py`` writes the table anew; a changed number then belongs into
 CHANGELOG. What is new is free until it is in the table.
@@ -15,7 +15,19 @@ from pkgutil import walk_packages
 
 import numpy as np
 
-from slipctl import BadInput, Block, Signal, argmax_block, probe, rls
+from slipctl import (
+    BadInput,
+    Block,
+    Signal,
+    argmax_block,
+    differential_evolution,
+    locking_seek,
+    particle_swarm,
+    perturbation_seek,
+    probe,
+    rls,
+    sliding_seek,
+)
 from slipctl import models as package
 from slipctl.models import common_form, converters, ranges, sensors
 from slipctl.models.cheng_2022 import freight_resistance
@@ -48,6 +60,12 @@ EXAMPLES: dict[str, Callable[[], Block]] = {
     "ranges.peak_ranged": lambda: ranges.peak_ranged(
         argmax_block(hst_braking.grip(HST), "lam", lo=0.005, hi=0.4), 1.0),
     "ranges.probe_ranged": lambda: ranges.probe_ranged(probe(SUBWAY, "v_s", within=(0.1, 6.0))),
+    **{f"seek.perturbation_seek({dither})": lambda dither=dither: perturbation_seek(
+        0.01, dither=dither) for dither in ("fixed", "vanishing")},
+    "seek.sliding_seek": lambda: sliding_seek(0.01),
+    "seek.locking_seek": lambda: locking_seek(0.01),
+    "seek.differential_evolution": lambda: differential_evolution(HST, "lam", lo=0.005, hi=0.4),
+    "seek.particle_swarm": lambda: particle_swarm(HST, {"lam": (0.005, 0.4)}, "mu"),
     "sensors.reading": lambda: sensors.noisy_sensor("m/s"),
     "sensors.speed_of_wheels": lambda: sensors.speed_of_wheels(4),
     **{f"vehicle.failure.trust({driven})": lambda driven=driven: failure.trust(2, driven)
