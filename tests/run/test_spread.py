@@ -124,6 +124,13 @@ def test_the_page_of_a_sweep_tells_each_metric_that_has_a_value(order):
     assert "<td>a [m]</td>" not in page
 
 
+def test_the_page_of_a_sweep_tells_least_median_and_largest_and_what_lies_between():
+    page = sweep_page.page({"one": swept([float(k) for k in range(200, 301)])}, "slipctl sweep")
+    row = next(r for r in page.split("<tr>") if "<td>stopping_distance [m]</td>" in r)
+    told = re.findall(r">([\d.]+)</td>", row)
+    assert [float(v) for v in told[:5]] == [200, 205, 250, 295, 300]
+
+
 @pytest.mark.parametrize("order", ["abc", "acb", "bac", "bca", "cab", "cba"])
 def test_each_number_of_each_metric_is_labelled_in_whatever_order_they_stand(order):
     """One number, a list of one, and one for each of two sections of the rail."""

@@ -326,6 +326,14 @@ def test_selection() -> None:
         prepared(loops=["hard"], scenarios=["noisy"])
 
 
+def test_what_was_built_already_is_not_built_again() -> None:
+    cases, models = case_setup.prepare(toy_study.study, quick=True)
+    again, same = case_setup.prepare(toy_study.study, quick=True, built=(cases, models))
+    assert same is models
+    assert [c.scenario.name for c in again] == [c.scenario.name for c in cases]
+    assert all(a.loops[n] is c.loops[n] for a, c in zip(again, cases, strict=True) for n in c.loops)
+
+
 def test_known_values_must_match_the_rail() -> None:
     case = prepared()[0]
     wrong = Case(case.scenario, case.loops, {"best": Known("1", [1.0])})
