@@ -158,6 +158,17 @@ def test_slopes_of_the_roll_are_its_differences(rule: str):
         )
 
 
+@pytest.mark.parametrize("dead", [0.0, 0.3, 1.0, 1.7, 2.9])
+def test_a_late_input_comes_between_the_samples(dead: float):
+    """tau T' = k u - T, u 7 N m for three seconds, and the dead time after it."""
+    t = np.arange(8.0)
+    piece = Stretch(t, {"T_cmd": np.where((t >= 1) & (t < 4), 7.0, 0.0)}, np.zeros(8))
+    rolled = Rolled(brake_step, "T", ["k", "tau"], "", "T_cmd", "hold", {"T_b": 0.0})
+    found, _ = rolled.over(piece, np.array([0.9, 0.5]), None, dead, 32)
+    up, down = (stepped(t, at, 0.9, 0.5, dead) for at in (1.0, 4.0))
+    assert found == pytest.approx(7 * (up - down), abs=1e-5)
+
+
 def test_an_input_goes_straight_between_samples_if_asked():
     """x' = u with u = t: held it lags by half a sample, straight it is t^2/2."""
     own = from_text("x' = g*u where u [1/s], x = 0 m, g = 2 m")

@@ -116,6 +116,21 @@ def test_each_missing_column_is_refused_behind_one_that_need_not_be_there(order)
         identify(line, {"y": v})
 
 
+def test_known_parameters_may_be_vectors():
+    """Two of them, with one number between: each has its own place."""
+    line = make_block(
+        "line", "law",
+        lambda x, u, p: ({}, {"y": p["k"] * u["v"] + p["a"][2] + 10 * p["b"] + 100 * p["c"][1]}),
+        inputs=[Input("1").named("v")], outputs=[Output("1").named("y")],
+        params=[Param("1", (1.0, 2.0, 3.0), shape=(3,)).named("a"), Param("1", 4.0).named("b"),
+                Param("1", (5.0, 6.0), shape=(2,)).named("c"), Param("1", 1.0).named("k")],
+    )  # fmt: skip
+    v = np.arange(5.0)
+    found = identify(line, {"v": v, "y": 2 * v + 3 + 40 + 600}, unknown=["k"])
+    assert found.values == pytest.approx({"k": 2.0})
+    assert found.noise == pytest.approx(0.0, abs=1e-9)
+
+
 def test_other_bad_input():
     for d, said in (
         ({"v": [1.0, 2.0]}, "no column 'y'; it has v"),
