@@ -228,7 +228,7 @@ def test_units_of_seekers(block):
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"third": math.nan}, {"third": math.inf}, {"curvature": math.nan}, {"curvature": 0.0},
+    [{"third": math.nan}, {"third": math.inf}, {"curvature": -math.inf}, {"curvature": 0.0},
      {"steepest": 0.0}, {"curvature": -BEND}],
 )  # fmt: skip
 @pytest.mark.parametrize("make", [perturbation_seek, locking_seek])
