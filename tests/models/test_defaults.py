@@ -49,6 +49,7 @@ WHEEL = common_form.Wheel(240.0, 0.5, 8e3, 8e3, 9.81, 20e3, 0.05, 1.21, 20.0)
 SUBWAY, HST = subway_braking.double_exponential, hst_braking.burckhardt
 EXAMPLES: dict[str, Callable[[], Block]] = {
     "converters.converter": lambda: converters.converter("V", -1.0, 1.0),
+    "analysis.argmax": lambda: argmax_block(hst_braking.grip(HST), "lam", lo=0.005, hi=0.4),
     "estimate.rls": lambda: rls(
         SUBWAY, form="window", start={"c": 0.3, "a": 0.54, "b": 1.2}, period=1e-3),
     "ep_valve.dead_time": lambda: ep_valve.dead_time(3),
