@@ -147,9 +147,8 @@ def column_of(cells: Sequence[str]) -> Column:
             found.append(None)
             continue
         if _NUMBER.fullmatch(text) is None:
-            wrong = k if wrong is None else wrong
-            found.append(None)
-            continue
+            wrong = k  # no cell behind it can be read either
+            break
         firsts.setdefault(_shape(text), k)
         found.append(text)
     readings, clash = list(READINGS), None

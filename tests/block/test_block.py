@@ -29,6 +29,7 @@ from slipctl import (
     step,
 )
 from slipctl.block.block import doc_of_maker
+from slipctl.block.text.failures import failures_of
 from slipctl.ccode.codegen import c_module
 from slipctl.models.huang_2020 import subway_braking as subway
 from slipctl.models.huang_2020 import subway_braking_control as control
@@ -253,6 +254,16 @@ def test_values_out_of_range_are_refused_everywhere(how):
         block.with_params(**{at + "q": 3.0})
 
 
+@pytest.mark.parametrize("wrong", [{"m": "ten"}, {"m": -1.0}, {"r": "ten"}])
+@pytest.mark.parametrize("more", [{}, {"v_0": 3.0}, {"v_0": "2 * r"}])
+def test_a_value_that_is_refused_is_refused_beside_others(wrong, more):
+    """A number or an expression, in whatever order they are given."""
+    block, at = wrapped(moving_body)["alone"]
+    for values in (wrong | more, more | wrong):
+        with pytest.raises(BadInput, match=f"{next(iter(wrong))} "):
+            block.with_params(**{at + n: v for n, v in values.items()})
+
+
 def test_derived_values_that_go_in_a_circle_are_named():
     params = [Param("1", "c + 1").named("b"), Param("1", "b").named("c")]
     circle = make_block("circle", "law", lambda x, u, p: ({}, {}), params=params)
@@ -379,6 +390,33 @@ def test_what_is_wrong_with_a_block_is_said_in_one_line(make, words):
     with pytest.raises(BadInput, match=words) as error:
         make()
     assert "\n" not in str(error.value)
+
+
+def test_what_breaks_in_equations_is_told_in_its_own_words():
+    @law(y=Output("1", "out"))
+    def broken(u=Input("1", "in")):
+        raise RuntimeError("too deep")
+
+    with pytest.raises(RuntimeError, match="too deep"):
+        broken(u=1.0)
+
+
+def test_failures_that_a_part_declares_are_told_with_its_numbers():
+    """Of a rate the time; of several the largest; of parts that are alike once."""
+    said = [("a {n} b", "after {T}", "in {1/rate}", "{row}", "-")]
+
+    @step(period=0.1, failures=said)
+    def safe(
+        k=State("1", 0.0), n=Param("1", 3.0), T=Param("s", 0.25), rate=Param("1/s", 4.0),
+        row=Param("m", (1.0, 7.0), shape=(2,)),
+    ):  # fmt: skip
+        return dict(k=k + n * T * rate * row[0]), {}
+
+    wanted = ("a 3 b", "after 0.25 s", "in 0.25 s", "7 m", "-")
+    assert failures_of(connect("loop", {}, one=safe, two=safe)) == [wanted]
+    slow = safe.with_params(T=2.0)
+    assert failures_of(connect("loop", {}, one=safe, two=slow)) == [
+        wanted, ("a 3 b", "after 2 s", *wanted[2:])]  # fmt: skip
 
 
 def test_a_block_says_of_itself_what_its_maker_says_without_the_arguments() -> None:

@@ -31,7 +31,7 @@ from slipctl import (
     step,
     unit_delay,
 )
-from slipctl.block.connection import _part
+from slipctl.block.connection import _part, evaluation_order
 from slipctl.models.brakes import brake
 from slipctl.models.huang_2020 import subway_braking as subway
 
@@ -120,6 +120,20 @@ def test_a_shared_outer_input_serves_all_its_parts():
     assert (c.inputs["T"].lo, c.inputs["T"].hi) == (0, 9)
     assert c() == {"a.y": 12.0, "b.y": 12.0}
     assert list(c.inputs) == ["T"]
+
+
+def test_wires_may_stand_in_any_order():
+    """An output of its own, an input of its own, a wire inside: k gives 3 (3 (4 + 2))."""
+    wires = {"out": "k.y", "a.u": "T", "k.u": "a.y", "b.u": "T", "made": "s.y"}
+    names = list(wires)
+    for order in [turned[k:] + turned[:k] for turned in (names, names[::-1]) for k in range(5)]:
+        parts = dict(a=sink(), b=sink(), k=sink(), s=source())
+        c = connect("c", {n: wires[n] for n in order}, **parts)
+        assert list(c.inputs) == ["T"]
+        _, inner, free = evaluation_order(c)
+        assert (inner, free) == ({("k", "u"): ("a", "y")}, {("a", "u"): "T", ("b", "u"): "T"})
+        assert c(T=4.0) == {"a.y": 12.0, "b.y": 12.0, "k.y": 36.0, "s.y": 2.0,
+                            "out": 36.0, "made": 2.0}  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -143,6 +143,9 @@ def test_swapped_and_certified() -> None:
         ("lambda = 3", ["is a word of the grammar"]),
         ("mu = c on wet: d = 3 where c = 1", ["there is no parameter 'd'"]),
         ("mu = foo(v)*c where v [m/s", ["there is no function foo"]),
+        ("a = v + m; b = a*v; c = 2*v; d = c - m where v [m/s], m [kg]",
+         ["a: column 5: 'v' [m/s] cannot be added", "d: column 34: "]),
+        ("mu = c on wet c = 2 on icy d = 3 where c = 1", ["'on wet c = 2'", "'on icy d = 3'"]),
         ("", ["there is no equation"]),
     ],
 )  # fmt: skip
@@ -197,7 +200,7 @@ def test_line_of_a_key() -> None:
     """Keys in tables, inline tables and texts of several lines are found; a comment is no line."""
     text = 'title = """\na\n"""\n\n# x\n[a]\nb = 1\n[a.c]\nd = { e = 3 }\n'
     places = {("title",): 1, ("a",): 6, ("a", "b"): 7, ("a", "c", "d"): 9, ("a", "c", "d", "e"): 9,
-              ("a", "z"): 6}  # fmt: skip
+              ("a", "z"): 6, ("x", "a"): 1, ("a", "x", "b"): 6}  # fmt: skip
     assert {keys: equation_files.line_of(text, keys) for keys in places} == places
 
 

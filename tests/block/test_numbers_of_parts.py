@@ -47,6 +47,8 @@ def test_a_number_that_is_set_apart_is_told_with_both_and_its_unit():
     assert warnings_of_places(apart) == ["a.m differs from m: 12 kg, not 10 kg"]
     assert warnings_of_places(apart.with_params(m=12.0)) == []
     assert warnings_of_places(made.with_params(**{"b.k": 3.0})) == ["b.k differs from k: 3, not 2"]
+    many = apart.with_params(m=12.0, **{"b.k": 3.0})
+    assert warnings_of_places(many) == ["b.k differs from k: 3, not 2"]
     vector = made.with_params(**{"a.row": (3.0, 4.0)})
     assert warnings_of_places(vector) == ["a.row differs from row"]
     many = made.with_params(**{"b.k": 3.0, "a.m": 12.0, "b.row": (9.0, 9.0)})

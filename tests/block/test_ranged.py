@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from slipctl import BadInput, Input, Output, Param, State, connect, flow, ranged
+from slipctl import BadInput, Input, Output, Param, State, connect, flow, law, make_block, ranged
 
 
 @flow(v=Output("m/s", "rate", "paper"), F=Output("N", "force"))
@@ -38,6 +38,28 @@ def test_a_range_is_that_which_is_given_and_all_else_stays():
     assert ends(made.outputs["F"]) == (-math.inf, math.inf)  # of the name, the input alone
     assert ends(cart.states["x"]) == (-math.inf, math.inf)
     assert made.start()["x"] == cart.start()["x"]
+
+
+def test_an_end_that_follows_an_input_hides_no_other_end():
+    """It stands first, and is left out where the numbers of inputs are not asked for."""
+
+    @law(y=Output("N"))
+    def sum_of(F=Input("N", lo="-G", hi="6*m", change="m"), G=Input("N"), m=Param("N", 2.0)):
+        return F + G + m
+
+    F = sum_of.inputs["F"]
+    assert sum_of.ends(F, {"m": 3.0}) == ([], [18.0], [3.0], [])
+    assert sum_of.ends(F, {"m": 3.0, "G": 5.0}) == ([-5.0], [18.0], [3.0], [])
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_each_signal_with_an_open_end_is_named_and_one_that_is_judged_is_not(turned):
+    signals = [Input("1", judged=True).named("a"), Input("1", lo=0).named("b"),
+               Input("1", lo=0, hi=1).named("c"), Input("1", lo=0, hi="b").named("d")]  # fmt: skip
+    made = make_block("made", "law", lambda x, u, p: ({}, {"y": u["b"]}),
+                      inputs=signals[::-1] if turned else signals,
+                      outputs=[Output("1", lo=0, hi=1).named("y")])  # fmt: skip
+    assert made.without_range() == ["input b"]
 
 
 def test_a_row_of_a_table_is_of_all_that_carries_the_name():

@@ -116,6 +116,7 @@ def test_a_fault_stands_at_its_key(path: str, value: Any, said: str) -> None:
         ("conditions/wet", {"d": 1, "v_s": 1, "c": 9, "e": 2}),
         ("conditions", {"wet": 3, "icy": {"d": 1}, "dry": 3, "oily": {"c": 9}}),
         ("inputs", {"v_s": "foo", "b": "quux", "c1": {"unit": "bar", "range": 3}, "d": "baz"}),
+        ("inputs", {"v_s": {}, "b": {}, "c1": {}}),
         ("parameters", {"c": "1 foo", "b": True, "d": "1 N in 3 .. 2", "e": "2 baz"}),
     ],
 )

@@ -19,6 +19,7 @@ from slipctl import (
     replicate,
     sampled,
     simulate,
+    step,
 )
 from slipctl.analysis.roots import bracketed_newton
 
@@ -72,6 +73,21 @@ def test_copies_in_c_are_those_of_the_block(tmp_path, needs_compiler):
         found = c.step(**u)
         for name, value in wanted.items():
             np.testing.assert_array_equal(found[name], value)
+
+
+def test_matrices_of_copies_stand_beside_each_other():
+    """Two rows and three columns each: six columns of two copies, and of one state each two."""
+
+    @step(period=0.1, y=Output("1", shape=(2, 3)))
+    def turned(A=State("1", ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)), shape=(2, 3)), u=Input("1")):
+        return dict(A=A + u), dict(y=2 * A)
+
+    many = replicate(turned, 2)
+    assert many.states["A"].shape == many.outputs["y"].shape == (2, 6)
+    x, y = many(u=np.array([10.0, 20.0]))
+    one = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    np.testing.assert_array_equal(x["A"], np.hstack([one + 10, one + 20]))
+    np.testing.assert_array_equal(y["y"], np.hstack([2 * one, 2 * one]))
 
 
 @pytest.mark.parametrize("compile", [True, False])

@@ -341,6 +341,14 @@ def test_a_start_follows_its_own_radius_where_that_was_set_apart():
         assert [float(start[n]) for n in ("l.wheel.omega", "l.b.seen", "c.seen")] == [v / 0.25] * 3
 
 
+def test_a_start_follows_its_own_radius_and_a_speed_that_has_another_name_outside():
+    places = {"r": ["one.r", "two.r"], "speed": "one.v", "rate": "one.omega"}
+    both = connect("l", {}, one=sampled(wheel, H), two=sampled(wheel, H), share=places)
+    start = both.with_params(**{"one.r": 0.25, "speed": 30.0}).start()
+    assert float(start["one.omega"]) == 30.0 / 0.25
+    assert float(start["two.omega"]) == 20.0 / 0.5
+
+
 def test_a_sample_time_that_the_loop_does_not_have_is_refused():
     def adding(x=State("m", 0.0), v=Input("m/s", value=1.0), T=Param("s", H, "sample time")):
         """Sum."""

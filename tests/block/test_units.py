@@ -150,6 +150,16 @@ def test_a_wire_between_units_of_one_dimension_knows_the_ratio():
         factor("rad/s", "m/s")
 
 
+@pytest.mark.parametrize(
+    ("source", "target", "exact"),
+    [("atm", "bar", "1.01325"), ("bar", "atm", "4000/4053"), ("m", "yd", "1250/1143"),
+     ("km/h", "m/s", "5/18"), ("m/s", "km/h", "3.6")],
+)  # fmt: skip
+def test_a_number_is_turned_by_the_ratio_that_is_meant_and_rounded_once(source, target, exact):
+    for k in range(1, 400):
+        assert parse_quantity(f"{k} {source}", target) == float(k * Fraction(exact))
+
+
 def test_units_need_neither_casadi_nor_numpy():
     code = (
         "import sys, slipctl.block.units.unit_algebra as u\n"

@@ -279,14 +279,31 @@ def test_intermediate_results_keep_their_letters_but_never_a_misleading_one():
     assert write.root(g.roots["q"][0]) == "2*(F + 1) + x"
 
 
-def test_long_formulas_are_cut_into_pieces_and_the_profile_hook_is_given_back():
+@pytest.mark.parametrize(
+    ("product", "told"),
+    [(((x * x) * y) * y, "x^2*y^2"), ((x * y) * y * y, "x*y^3"), ((x * y) * x, "x*y*x"),
+     (x * x * x * y / z / z, "x^3*y/z^2")],
+)  # fmt: skip
+def test_factors_that_follow_each_other_are_one_power(product, told):
+    assert written(product) == told
+
+
+def test_an_element_has_its_letter_whatever_the_others_are():
+    """The first is a signal, the second no part of the equation."""
+    row = ca.vertcat(x, ca.cos(x), ca.sin(x) * y)
+    assert written(1 + row[2] * z, {"row": row}) == "1 + row[2]*z"
+
+
+@pytest.mark.parametrize("t", [x, ca.if_else(x < y, x, y), -x])
+def test_long_formulas_are_cut_into_pieces_and_the_profile_hook_is_given_back(t):
+    """A condition is no piece, and no end of them."""
     import sys
 
     before = sys.getprofile()
-    t = x
+    named = t
     for _ in range(40):
         t = t + ca.sin(t) * y
-    g = formula.graph({"t": t})
+    g = formula.graph({"t": t}, {"named": named})
     formula.shorten(g)
     write = Text(g)
     pieces = [write.root(n) for _, n in formula.named_nodes(g)] + [write.root(g.roots["t"][0])]

@@ -258,6 +258,23 @@ def test_peak_of_the_fit_is_its_argmax(own):
     assert (place, height) == pytest.approx((best.location, best.value), rel=1e-3)
 
 
+@law(y=Output("1", "height"))
+def hill(x=Input("1", "place"), r=Input("1", "decay"), k=Param("1", 1.0, "size")):
+    """A hill at 1/r; without decay a slope."""
+    return k * x * casadi.exp(-r * x)
+
+
+@pytest.mark.parametrize("decays", [(0.0, 2.0), (2.0, 0.1), (2.0, 1.0)])
+def test_each_peak_is_told_beside_curves_that_have_none(decays):
+    x, r = (k.ravel() for k in np.meshgrid(np.linspace(0.0, 3.0, 7), decays))
+    found = fit(hill, {"x": x, "r": r, "y": 2 * x * np.exp(-r * x)}, ["k"])
+    wanted = sorted(d for d in decays if d > 1 / 3)
+    assert [rest for rest, *_ in found.peaks] == [{"r": d} for d in wanted]
+    assert [place for _, place, _ in found.peaks] == pytest.approx(
+        [1 / d for d in wanted], rel=1e-3
+    )
+
+
 @pytest.mark.parametrize(
     ("at", "words"),
     [

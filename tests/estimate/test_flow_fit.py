@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 from slipctl import BadInput, fit_over_time, from_text
+from slipctl.estimate.log_fit import fit_search
 from slipctl.estimate.log_fit.record import Record
 from slipctl.estimate.log_fit.rollout import LATEST, Rolled, Stretch, stretches
 from slipctl.models.trials import brake_step, coasting, coasting_by_mass
@@ -155,6 +156,17 @@ def test_slopes_of_the_roll_are_its_differences(rule: str):
         assert slopes[:, i] == pytest.approx(
             difference, rel=1e-5, abs=2e-3 * abs(slopes[:, i]).max()
         )
+
+
+@pytest.mark.parametrize("dead", [0.0, 0.3, 1.0, 1.7, 2.9])
+def test_a_late_input_comes_between_the_samples(dead: float):
+    """tau T' = k u - T, u 7 N m for three seconds, and the dead time after it."""
+    t = np.arange(8.0)
+    piece = Stretch(t, {"T_cmd": np.where((t >= 1) & (t < 4), 7.0, 0.0)}, np.zeros(8))
+    rolled = Rolled(brake_step, "T", ["k", "tau"], "", "T_cmd", "hold", {"T_b": 0.0})
+    found, _ = rolled.over(piece, np.array([0.9, 0.5]), None, dead, 32)
+    up, down = (stepped(t, at, 0.9, 0.5, dead) for at in (1.0, 4.0))
+    assert found == pytest.approx(7 * (up - down), abs=1e-5)
 
 
 def test_an_input_goes_straight_between_samples_if_asked():
@@ -300,6 +312,20 @@ def test_a_flow_that_runs_away_is_refused():
     time = np.linspace(0.0, 3.0, 40)
     with pytest.raises(BadInput, match="not finite over data"):
         fit_over_time(flow, {"time": time, "x": 1 + time}, "x", unknown=["k"], start={"k": 50.0})
+
+
+def test_a_flow_that_is_too_fast_for_its_samples_is_rolled_in_shorter_steps(monkeypatch):
+    """A lag of 1/20 of a sample in every second one of the first: what is thinned has none."""
+    monkeypatch.setattr(fit_search, "THIN", 20)
+    monkeypatch.setattr(fit_search, "DRAWN", 2)
+    t = np.arange(40.0)
+    u, w = np.where((t < 36) & (t % 2 == 1), 20.0, 0.1), np.sin(0.2 * t)
+    x = np.zeros(40)
+    for k in range(39):
+        x[k + 1] = w[k] + (x[k] - w[k]) * math.exp(-u[k])
+    flow = from_text("x' = k*u*(w - x) where x = 0 m, u [1], w [m], k = 1 1/s")
+    found = fit_over_time(flow, {"time": t, "x": x, "u": u, "w": w}, "x", unknown=["k"])
+    assert found.values["k"] == pytest.approx(1.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("size", [2, 9, 10, 11, 100])

@@ -15,6 +15,7 @@ from slipctl import (
     identify,
     law,
     linear_fit,
+    make_block,
     misfit_search,
     simulate,
 )
@@ -98,6 +99,36 @@ def test_advice_is_true():
 def test_bad_columns(changes, said):
     with pytest.raises(BadInput, match=said):
         identify(specific_resistance, data() | changes)
+
+
+@pytest.mark.parametrize("order", ["uvw", "uwv", "vuw", "vwu", "wuv", "wvu"])
+def test_each_missing_column_is_refused_behind_one_that_need_not_be_there(order):
+    """An input that has a value needs no column; neither does the time."""
+    of = {"u": Input("1", value=1.0), "v": Input("1"), "w": Input("1", value=2.0)}
+    line = make_block(
+        "line", "law", lambda x, u, p: ({}, {"y": p["k"] * u["v"] + u["u"] + u["w"]}),
+        inputs=[of[n].named(n) for n in order], params=[Param("1", 1.0).named("k")],
+        outputs=[Output("1").named("y")],
+    )  # fmt: skip
+    v = np.arange(5.0)
+    assert identify(line, {"v": v, "y": 2 * v + 3}).values == pytest.approx({"k": 2.0})
+    with pytest.raises(BadInput, match="no column 'v'"):
+        identify(line, {"y": v})
+
+
+def test_known_parameters_may_be_vectors():
+    """Two of them, with one number between: each has its own place."""
+    line = make_block(
+        "line", "law",
+        lambda x, u, p: ({}, {"y": p["k"] * u["v"] + p["a"][2] + 10 * p["b"] + 100 * p["c"][1]}),
+        inputs=[Input("1").named("v")], outputs=[Output("1").named("y")],
+        params=[Param("1", (1.0, 2.0, 3.0), shape=(3,)).named("a"), Param("1", 4.0).named("b"),
+                Param("1", (5.0, 6.0), shape=(2,)).named("c"), Param("1", 1.0).named("k")],
+    )  # fmt: skip
+    v = np.arange(5.0)
+    found = identify(line, {"v": v, "y": 2 * v + 3 + 40 + 600}, unknown=["k"])
+    assert found.values == pytest.approx({"k": 2.0})
+    assert found.noise == pytest.approx(0.0, abs=1e-9)
 
 
 def test_other_bad_input():

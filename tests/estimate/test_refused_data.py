@@ -104,6 +104,10 @@ def test_a_column_of_one_value_gives_a_parameter(tmp_path):
         table = read_table(tmp_path / "log.csv")
         assert parameters_of_columns(line, "log", table, {}) == {"k": 3.0, "free": 1.0}
         assert parameters_of_columns(line, "log", table, {"k": 3.0}) == {"free": 1.0}
+        (tmp_path / "log.csv").write_text(
+            "\n".join(rows).replace("d", "d [A]").replace(",,", ",7,")
+        )
+        assert parameters_of_columns(line, "log", read_table(tmp_path / "log.csv"), {})["k"] == 3.0
     (tmp_path / "log.csv").write_text("a [m],y [m]\n1,\n,2\n", encoding="utf-8")
     with pytest.raises(BadInput, match="no row in which a, u, y all have a number"):
         fit(line, tmp_path / "log.csv", ["k"])

@@ -1,4 +1,4 @@
-"""Units, defaults, ranges and signs of shipped models change on purpose only: files rely on them.
+"""Units, defaults, ranges and signs of models and seekers change on purpose: files rely on them.
 
 ``python tests/models/test_defaults.py`` writes the table anew; a changed number then belongs into
 CHANGELOG. What is new is free until it is in the table.
@@ -15,7 +15,19 @@ from pkgutil import walk_packages
 
 import numpy as np
 
-from slipctl import BadInput, Block, Signal, argmax_block, probe, rls
+from slipctl import (
+    BadInput,
+    Block,
+    Signal,
+    argmax_block,
+    differential_evolution,
+    locking_seek,
+    particle_swarm,
+    perturbation_seek,
+    probe,
+    rls,
+    sliding_seek,
+)
 from slipctl import models as package
 from slipctl.models import common_form, converters, ranges, sensors
 from slipctl.models.cheng_2022 import freight_resistance
@@ -37,6 +49,9 @@ WHEEL = common_form.Wheel(240.0, 0.5, 8e3, 8e3, 9.81, 20e3, 0.05, 1.21, 20.0)
 SUBWAY, HST = subway_braking.double_exponential, hst_braking.burckhardt
 EXAMPLES: dict[str, Callable[[], Block]] = {
     "converters.converter": lambda: converters.converter("V", -1.0, 1.0),
+    "analysis.argmax": lambda: argmax_block(hst_braking.grip(HST), "lam", lo=0.005, hi=0.4),
+    "estimate.rls": lambda: rls(
+        SUBWAY, form="window", start={"c": 0.3, "a": 0.54, "b": 1.2}, period=1e-3),
     "ep_valve.dead_time": lambda: ep_valve.dead_time(3),
     "freight_resistance.balance": lambda: freight_resistance.balance(1.0),
     "hst_braking.grip": lambda: hst_braking.grip(HST),
@@ -48,6 +63,12 @@ EXAMPLES: dict[str, Callable[[], Block]] = {
     "ranges.peak_ranged": lambda: ranges.peak_ranged(
         argmax_block(hst_braking.grip(HST), "lam", lo=0.005, hi=0.4), 1.0),
     "ranges.probe_ranged": lambda: ranges.probe_ranged(probe(SUBWAY, "v_s", within=(0.1, 6.0))),
+    **{f"seek.perturbation_seek({dither})": lambda dither=dither: perturbation_seek(
+        0.01, dither=dither) for dither in ("fixed", "vanishing")},
+    "seek.sliding_seek": lambda: sliding_seek(0.01),
+    "seek.locking_seek": lambda: locking_seek(0.01),
+    "seek.differential_evolution": lambda: differential_evolution(HST, "lam", lo=0.005, hi=0.4),
+    "seek.particle_swarm": lambda: particle_swarm(HST, {"lam": (0.005, 0.4)}, "mu"),
     "sensors.reading": lambda: sensors.noisy_sensor("m/s"),
     "sensors.speed_of_wheels": lambda: sensors.speed_of_wheels(4),
     **{f"vehicle.failure.trust({driven})": lambda driven=driven: failure.trust(2, driven)

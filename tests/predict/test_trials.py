@@ -240,14 +240,15 @@ def test_a_soft_limit_that_a_stage_has_not_lies_far_below_and_hides_no_other() -
     assert rows() == []
 
 
-@pytest.mark.parametrize("order", permutations(["0.a", "1.a", "0.b", "1.b"]))
+@pytest.mark.parametrize("order", permutations(["a.0", "a.1", "b.0", "b.1"]))
 def test_every_limit_has_its_numbers_once_for_all_scenarios(order) -> None:
     """Whatever order limits and scenarios stand in: ends, and the weights that a soft one has."""
     limit = SimpleNamespace(lo=-1.0, hi=2.0, weight=3.0, linear=4.0, hard=False)
     stub = SimpleNamespace(
         weights={}, limits={}, rate={}, softs=dict.fromkeys(order, limit),
-        _of_scenario=lambda n: int(n[0]), _limited=lambda n: f"path.{n[2:]}",
-        _signal=lambda n: SimpleNamespace(unit="m"), h=SimpleNamespace(damped=False), unknown=(),
+        _limited=lambda n: f"path.{n[0]}", unknown=(), h=SimpleNamespace(
+            damped=False, factors=("s",), model=SimpleNamespace(
+                outputs=dict.fromkeys(("path.a", "path.b"), SimpleNamespace(unit="m")), states={})),
     )  # fmt: skip
     found = [s.name for s in Controller.settings(stub)]
     assert len(set(found)) == len(found)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slipctl import BadInput, Input, Output, Param, State, flow, step
+from slipctl import BadInput, Input, Output, Param, State, connect, flow, step
 from slipctl.errors import Faults
 from slipctl.run.logs.recorded_log import read_recording
 from slipctl.run.logs.replay import replay
@@ -167,3 +167,35 @@ def test_a_part_of_a_log_is_as_if_only_that_were_there(tmp_path):
         BadInput, match=r"fewer than two samples from 0.31 s to 0.45 s .* ends at 0.7"
     ):
         log.between(0.31, 0.45)
+
+
+@pytest.mark.parametrize(("spacing", "lines"), [(0.048, 1), (0.052, 0)])
+def test_samples_that_are_closer_than_half_a_tick_are_told(spacing, lines, tmp_path):
+    t = [round(spacing * k, 6) for k in range(20)]
+    log = log_of(tmp_path, "time [s],u,h", t, [1.0] * 20, [1.0] * 20)
+    told = [line for line in run(log, {}).notes if "anti-aliasing" in line]
+    assert len(told) == lines
+
+
+@pytest.mark.parametrize("gaps", [1, 5, 6, 9])
+def test_five_gaps_are_told_with_their_times_and_all_are_counted(gaps, tmp_path):
+    t = [H * k for k in range(10 * gaps + 10) if k < 10 or k % 10 > 2]
+    log = log_of(tmp_path, "time [s],u,h", t, [1.0] * len(t), [1.0] * len(t), gap=0.15)
+    (told,) = [line for line in run(log, {}).notes if "gaps" in line]
+    assert told.startswith(f"{gaps} gaps")
+    assert told.count(" .. ") == min(gaps, 5)
+    assert told.endswith(", ...") == (gaps > 5)
+
+
+def test_innovations_are_those_outputs_that_are_called_so(tmp_path):
+    names = ("innovation", "innovation_v", "residual", "nis", "y")
+
+    @step(period=H, **{n: Output("1") for n in names})
+    def filtered(n=State("1", 0.0), u=Input("1")):
+        """Says what it did not expect."""
+        return dict(n=u), dict.fromkeys(names, u - n)
+
+    log = log_of(tmp_path, "time [s],u", times(), U)
+    for block, home in ((filtered, ""), (connect("loop", {"a.u": "u"}, a=filtered), "a.")):
+        found = replay(block, log, {}, compile=False).innovations
+        assert found == [home + n for n in names[:-1]]

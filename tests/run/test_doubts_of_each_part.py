@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from slipctl import Input, Output, Param, Scenario, State, connect, step
+from slipctl import Input, Output, Param, Scenario, State, connect, make_block, step
 from slipctl.run.warnings.doubts import doubt_signals, warnings_of_log, warnings_of_loop
 
 H = 0.01
@@ -85,6 +85,55 @@ def test_each_state_off_its_range_is_told_behind_one_that_is_not_logged():
         lines = warnings_of_log(loop, RUN, log)
         assert names_of(lines) == {"b.n"}
         assert "leaves its range, 0 .. 2, at 8 s, and comes to 2.5:" in lines[0]
+
+
+@step(period=H)
+def sure(held=State("m/s", 5.0, "estimate", deviation="sqrt(P)", truth="y"),
+         P=State("(m/s)^2", 0.01, "its variance"), v=Input("m/s", "truth")):  # fmt: skip
+    """Estimates a speed that it hears."""
+    return dict(held=held + 0 * v, P=P), {}
+
+
+def test_each_estimate_that_is_off_is_told_behind_one_that_is_not_logged():
+    """a and b are 10 deviations off, and only b says its own; c is one off."""
+    for names in permutations("abc"):
+        wires = {f"{n}.v": "car.y" for n in names}
+        loop = connect("loop", wires, car=stepped, **dict.fromkeys(names, sure))
+        log = {"time": TIME, "car.y": np.full(1001, 4.0)}
+        for n, known in (("a", ("held",)), ("b", ("held", "P")), ("c", ("held", "P"))):
+            log |= {f"{n}.{k}": np.full(1001, {"held": 5.0, "P": 0.01}[k]) for k in known}
+        log["c.held"] = np.full(1001, 4.1)
+        assert names_of(warnings_of_log(loop, RUN, log)) == {"b.held"}
+
+
+@step(period=H)
+def doubled(held=State("1", 5.0, "estimate", deviation="sqrt(P)", truth="2*c"),
+            P=State("1", 0.01, "its variance"), c=Param("1", 1.0)):  # fmt: skip
+    """Estimates twice a number of a law."""
+    return dict(held=held + 0 * c, P=P), {}
+
+
+def law_of(unit, **more):
+    params = [Param(unit, 2.0).named("c"), *(Param("1", 1.0).named(n) for n in more)]
+    return make_block("law", "law", lambda x, u, p: ({}, {"mu": p["c"] + u["s"]}), params=params,
+                      inputs=[Input(unit, value=0.0).named("s")],
+                      outputs=[Output(unit).named("mu")])  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("parts", "lines"),
+    [({"law": law_of("1")}, 1), ({"law": law_of("1"), "force": law_of("N")}, 1),
+     ({"force": law_of("N"), "law": law_of("1")}, 1), ({"force": law_of("N")}, 0),
+     ({"law": law_of("1"), "other": law_of("1")}, 0),
+     ({"law": law_of("1").with_conditions(dry={"c": 2.0})}, 1),
+     ({"law": law_of("1", a=1).with_conditions(dry={"c": 2.0})}, 0)],
+)  # fmt: skip
+def test_an_estimate_is_held_against_the_one_number_of_its_name_and_unit(parts, lines):
+    """Not against that of a law with a number more, of which the estimator knows nothing."""
+    log = {"time": TIME, "est.held": np.full(1001, 5.0), "est.P": np.full(1001, 0.01)}
+    told = warnings_of_log(connect("loop", {}, est=doubled, **parts), RUN, log)
+    assert len(told) == lines
+    assert all("for a true 4" in line for line in told)
 
 
 def test_each_sensor_with_less_noise_than_steps_is_told_behind_one_without():

@@ -88,9 +88,11 @@ def world(ensemble, scenario=PLAIN, **more):
     return World(car, scenario, ensemble, compile=False, **more)
 
 
-def test_a_draw_is_of_its_number_in_its_ranges_and_scales_what_it_names():
+@pytest.mark.parametrize("names", ["c, best", "best, c"])
+def test_a_draw_is_of_its_number_in_its_ranges_and_scales_what_it_names(names):
     """A number of the loop, one of the rail in each section, and what is known beside."""
-    ensemble = Ensemble({"m": "50:150"}, {"f": "0.5:0.8 of c, best", "g": "1:2 of v"}, seeds=True)
+    scale = {"f": f"0.5:0.8 of {names}", "g": "1:2 of v"}
+    ensemble = Ensemble({"m": "50:150"}, scale, seeds=True)
     known = {"best": Known("m/s", [1.0, 3.0]), "other": Known("m/s", 4.0)}
     drawn = world(ensemble, RAILED, known=known, seed=3)
     assert [(a.name, a.lo, a.hi) for a in drawn.ranges] == [
@@ -191,3 +193,15 @@ def test_a_number_that_is_to_be_seen_is_none_of_those_before(numbers, hi):
     row = _other([Param("1", (1.0, 4.0), shape=(2,), hi=hi).named("row")], (2.0, 4.0))
     assert row[1] != 4.0
     assert row == pytest.approx([2.0, 4.0], rel=1e-8)
+
+
+def test_what_an_ensemble_cannot_be_made_of_is_refused_as_it_is_made():
+    for given in ({"draw": 3}, {"scale": "0.8:1.2 of m"}, {"draw": {"m": "1:2"}, "seeds": "yes"}):
+        with pytest.raises(BadInput):
+            Ensemble(**given)
+
+
+def test_more_numbers_than_a_sobol_sequence_has_are_refused(monkeypatch):
+    monkeypatch.setattr(qmc.Sobol, "MAXDIM", 1)
+    with pytest.raises(BadInput, match="draws at most 1 numbers"):
+        plan_of(car, PLAIN, ["m=10:30", "v=1:2"], samples=4, design="sobol").numbers(0)

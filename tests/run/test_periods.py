@@ -52,3 +52,12 @@ def test_a_chattering_signal_of_two_samples():
     y = np.tile([1.0, -1.0], 8)[1:]
     assert periods.mean(y) == 0.0
     assert periods.rms(y) == 1.0
+
+
+@pytest.mark.parametrize(("size", "counts"), [(1.05, True), (0.95, False)])
+def test_a_swing_counts_from_a_quarter_of_all_that_is_seen(size, counts):
+    """Of 4 in all, from -2 to 2 once; six periods of 40 samples."""
+    y = size * np.sin(2 * np.pi * (np.arange(240) + 0.5) / 40)
+    y[90], y[70] = 2.0, -2.0
+    whole = periods.whole_periods(y)
+    assert (whole.stop - whole.start == 5 * 40) == counts

@@ -19,6 +19,7 @@ from slipctl import (
     RunFailed,
     Scenario,
     State,
+    connect,
     flow,
     prepare,
     sampled,
@@ -106,6 +107,19 @@ def test_a_step_too_long_for_the_new_number_is_refused_in_the_same_words() -> No
     with pytest.raises(BadInput) as said:
         run({"c": 1e3})
     assert str(said.value) == str(wanted.value)
+
+
+@pytest.mark.parametrize("name", ["a", "b"])
+def test_every_part_refuses_a_step_too_long_for_the_new_number(name: str) -> None:
+    @flow()
+    def decay(x=State("m", 1.0), c=Param("1/s", 1.0, lo=0.0)):
+        return dict(x=-c * x), {}
+
+    part = sampled(decay, 1e-2, "rk4")
+    run = prepare(connect("both", {}, a=part, b=part), Scenario("fall", 0.1), compile=False)
+    assert run({f"{name}.c": 2.0})[f"{name}.x"][-1] < run({f"{name}.c": 1.5})[f"{name}.x"][-1]
+    with pytest.raises(BadInput):
+        run({f"{name}.c": 1e3})
 
 
 def test_threads_give_the_bits_of_single_runs() -> None:

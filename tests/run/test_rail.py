@@ -218,8 +218,8 @@ def test_what_follows_a_number_of_the_rail_follows_it_in_each_section():
     def follower(
         c=Param("1", 1.0, "the rail sets it", lo=0),
         k=Param("1", 3.0, "fixed"),
+        more=Param("1", "twice + k", "derived of a derived one that stands behind it"),
         twice=Param("1", "2 * c", "derived"),
-        more=Param("1", "twice + k", "derived of a derived one"),
         other=Param("1", "k + 1", "derived of a fixed one"),
     ):
         """Nothing to do with a train."""

@@ -16,10 +16,12 @@ from slipctl import (
     BadInput,
     Block,
     Input,
+    Output,
     Param,
     State,
     connect,
     from_text,
+    law,
     replicate,
     simulate,
     step,
@@ -273,3 +275,20 @@ def test_times_with_a_zone_are_read_without_a_word(tmp_path: Path, recwarn) -> N
     (tmp_path / "log.csv").write_text("\n".join(rows), encoding="utf-8")
     assert read_recording(tmp_path / "log.csv").time.tolist() == [0, 1]
     assert not recwarn.list
+
+
+@pytest.mark.parametrize("text", ["2*R_wheel*k + Rim - Train", "Rim - Train + k*R_wheel*2"])
+def test_arithmetic_takes_what_stands_beside_a_law_and_its_parameters(
+    tmp_path: Path, text: str
+) -> None:
+    """In whatever order: 2 times 0.5 m times 3/s above the rim's 1 m/s."""
+
+    @law(y=Output("1", "adhesion"), beside={"R_wheel": Param("m", 0.5, "radius")})  # type: ignore
+    def curve(v=Input("m/s", "slip"), k=Param("1/s", 3.0)):  # type: ignore[no-untyped-def]
+        """A line."""
+        return v * k
+
+    t = np.arange(5) * 0.1
+    file = write(tmp_path / "log.csv", {"t": t, "Rim [m/s]": 2 + 0 * t, "Train [m/s]": 1 + 0 * t})
+    found = replay(curve, read_recording(file), {"v": text}, compile=False)
+    assert np.allclose(found.data["y"].values, 3.0 * 4.0, rtol=1e-12)

@@ -44,6 +44,13 @@ def test_a_run_that_never_stops_raises_every_quantile_and_no_other_way(values, n
     assert not any(map(math.isnan, whole))
 
 
+@given(st.lists(st.just(math.nan), max_size=3), st.lists(st.floats(0, 1), max_size=4))
+def test_without_values_each_quantile_is_nan(values, shares):
+    found = quantiles(np.array(values), shares)
+    assert len(found) == len(shares)
+    assert all(map(math.isnan, found))
+
+
 @pytest.mark.parametrize(("hits", "runs"), [(0, 1), (0, 200), (150, 200), (200, 200), (7, 12)])
 def test_interval_of_a_share_is_that_of_clopper_and_pearson(hits, runs):
     known = binomtest(hits, runs).proportion_ci(0.95, "exact")
@@ -101,6 +108,41 @@ def test_the_page_of_a_sweep_compares_run_by_run_and_names_what_failed_first():
     assert "2 of 4" in page
     assert "stopping_distance never" in page
     assert "<img" in page
+
+
+@pytest.mark.parametrize("order", ["ab", "ba"])
+def test_the_page_of_a_sweep_tells_each_metric_that_has_a_value(order):
+    found = Sweep(
+        Path("out"),
+        {"loop": "car:a", "scenario": "base"},
+        swept([1.0]).plan,
+        dict.fromkeys(order, ("m", ())),
+    )
+    vars(found)["runs"] = [(0, {"m": 1.0}, {"a": math.nan, "b": 2.0}, "")]
+    page = sweep_page.page({"one": found}, "slipctl sweep")
+    assert "<td>b [m]</td>" in page
+    assert "<td>a [m]</td>" not in page
+
+
+def test_the_page_of_a_sweep_tells_least_median_and_largest_and_what_lies_between():
+    page = sweep_page.page({"one": swept([float(k) for k in range(200, 301)])}, "slipctl sweep")
+    row = next(r for r in page.split("<tr>") if "<td>stopping_distance [m]</td>" in r)
+    told = re.findall(r">([\d.]+)</td>", row)
+    assert [float(v) for v in told[:5]] == [200, 205, 250, 295, 300]
+
+
+@pytest.mark.parametrize("order", ["abc", "acb", "bac", "bca", "cab", "cba"])
+def test_each_number_of_each_metric_is_labelled_in_whatever_order_they_stand(order):
+    """One number, a list of one, and one for each of two sections of the rail."""
+    known = {"a": 1.0, "b": [2.0], "c": [3.0, 4.0]}
+    plan = SimpleNamespace(size=1)
+    rows = {"a": (), "b": ("all",), "c": ("x", "y")}
+    found = Sweep(Path("out"), {}, plan, {name: ("m", rows[name]) for name in order})
+    vars(found)["runs"] = [(0, {}, known, "")]
+    wanted = {"a": ["a"], "b": ["b"], "c": ["c, x", "c, y"]}
+    assert [n for n, *_ in found.labelled()] == [w for name in order for w in wanted[name]]
+    assert {n: x.tolist() for n, _, x in found.labelled()} == {
+        "a": [1.0], "b": [2.0], "c, x": [3.0], "c, y": [4.0]}  # fmt: skip
 
 
 @pytest.mark.parametrize("limit", [100.0, 140.0, 0.1, 1.0])

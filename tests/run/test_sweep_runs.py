@@ -9,7 +9,8 @@ import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -21,13 +22,17 @@ from hypothesis import strategies as st
 from slipctl import (
     BadInput,
     Block,
+    End,
+    Param,
     Rail,
     RunFailed,
     Scenario,
     Section,
     Signals,
+    State,
     open_sweep,
     simulate,
+    step,
     sweep,
 )
 from slipctl.commands.cli import main
@@ -372,3 +377,97 @@ def test_samples_of_nothing_that_is_drawn_are_told(tmp_path: Path, capsys: Any) 
     said = capsys.readouterr()
     assert "2 runs" in said.out
     assert "--samples 5 is left out, as nothing is drawn" in said.err
+
+
+class KilledWorker(Exception):
+    """A task that the scheduler gave up, as each worker that had it died."""
+
+
+class Task:
+    """What a client sends: the result at once, or how it ended instead, as often as is told."""
+
+    def __init__(self, key: int, made: Any, ends: list[str]) -> None:
+        self.key, self.made, self.ends = key, made, ends
+
+    @property
+    def status(self) -> str:
+        return self.ends[0] if self.ends else "finished"
+
+    def exception(self) -> BaseException:
+        return KilledWorker()
+
+    def result(self) -> Any:
+        return self.made
+
+    def release(self) -> None:
+        """Nothing is held."""
+
+
+class Client:
+    """A scheduler whose workers are this process; ``ends``: how its tasks end, in their order."""
+
+    ends: ClassVar[list[str]] = []
+
+    def __init__(self, scheduler: str, **options: Any) -> None:
+        self.sent, self.loop = 0, None
+
+    def submit(self, function: Any, *given: Any, **options: Any) -> Task:
+        made = function(*(g.result() if isinstance(g, Task) else g for g in given))
+        self.sent += 1
+        return Task(self.sent, made, [self.ends.pop(0)] if self.sent > 1 and self.ends else [])
+
+    def nthreads(self) -> dict[str, int]:
+        return {"worker": 1}
+
+    def wait_for_workers(self, *given: Any, **options: Any) -> None:
+        """One is there."""
+
+    close = wait_for_workers
+
+
+class AsCompleted(list[Task]):
+    """Tasks in the order of their ends; one that was lost ends at last."""
+
+    def __init__(self, tasks: list[Task], loop: Any) -> None:
+        super().__init__(tasks)
+
+    def add(self, task: Task) -> None:
+        if task.status == "lost":
+            task.ends.pop()
+        self.append(task)
+
+
+@pytest.mark.parametrize("ends", [["lost", "error", "lost"], ["error"] * 6])
+def test_a_batch_that_is_lost_or_given_up_is_rolled_again_and_no_other_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends: list[str]
+) -> None:
+    """Five times a batch may be given up."""
+    fake = SimpleNamespace(Client=Client, KilledWorker=KilledWorker, as_completed=AsCompleted)
+    monkeypatch.setitem(sys.modules, "distributed", fake)
+    monkeypatch.setattr(Client, "ends", list(ends))
+
+    @step(period=0.1)
+    def counter(n=State("1", 0.0), k=Param("1", 1.0)):  # type: ignore[no-untyped-def]
+        """Counts."""
+        return dict(n=n + k), {}
+
+    def runs(folder: str, **more: Any) -> Any:
+        given = {"samples": 9, "compile": False, "jobs": 1} | more
+        return sweep(counter, Scenario("s", 0.2), ["k=1:2"], tmp_path / folder, **given)
+
+    with pytest.raises(BadInput, match="--jobs"):
+        runs("none", jobs=0)
+    if len(ends) > 5:
+        with pytest.raises(RunFailed, match="the same command resumes it"):
+            runs("there", scheduler="tcp://fake")
+    found = runs("there", scheduler="tcp://fake")
+    assert found.runs == runs("here").runs
+    assert not found.missing
+
+
+def test_changes_of_a_rail_by_time_are_those_until_the_run_ended():
+    rail = Rail([Section(t, None, {"k": 1.0 + t}) for t in (0.0, 0.5, 2.0)])
+    scenario = Scenario("s", 3.0, rail, end=End("n", above=4.0))
+    for last, wanted in ((0.4, []), (0.5, [0.5]), (1.9, [0.5]), (2.0, [0.5, 2.0])):
+        log = xarray.Dataset(coords={"time": np.linspace(0.0, last, 5)})
+        assert rail_changes(log, scenario, Signals()) == wanted

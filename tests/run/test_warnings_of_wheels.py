@@ -2,12 +2,14 @@
 
 import math
 from dataclasses import replace
+from functools import cache
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from slipctl import BadInput, prepare
+from slipctl import BadInput, Input, Output, Scenario, State, connect, prepare, step
 from slipctl.block.reach import reach_text, with_reach
 from slipctl.models.huang_2020.subway_braking import double_exponential
 from slipctl.models.vehicle import (
@@ -191,3 +193,72 @@ def test_what_the_rail_carries_is_that_under_the_driven_axles(first, then, lines
            "demand.T_demand": 3000 * ones, "ctl.T_cmd": np.full((3001, 2), 500.0)}  # fmt: skip
     told = wheels.wheel_warnings(found.loops["none"], found.scenario, log)
     assert len(told) == lines
+
+
+@step(period=0.01, v_s=Output("m/s", "slip", positive="braking", per="speed"))
+def axle(n=State("1", 0.0), mu=Input("1", "adhesion", positive="braking")):
+    """Something that slips."""
+    return dict(n=n), dict(v_s=n + 0 * mu)
+
+
+def test_each_wheel_that_slides_is_told_behind_one_that_may_or_is_not_logged():
+    """One may lock by its law, the slip of another is not logged, one is beyond 4 m/s."""
+    laws = {"free": exponential_tail, "unseen": double_exponential, "beyond": double_exponential}
+    time = 0.01 * np.arange(101)
+    log = {"time": time} | {f"{n}.axle.v_s": 5 * time for n in ("free", "beyond")}
+    for names in permutations(laws):
+        parts = {n: connect("part", {"adh.v_s": "axle.v_s"}, axle=axle, adh=laws[n]) for n in names}
+        (line,) = wheels.wheel_warnings(connect("loop", {}, **parts), Scenario("s", 1.0), log)
+        assert "slides at 5 m/s of slip" in line
+        assert "from 0.81 s on" in line
+
+
+@pytest.mark.parametrize(("v", "lines"), [(-0.021, 1), (-0.019, 0), (0.5, 0)])
+def test_a_vehicle_that_rolls_back_is_told_from_2_cm_a_second_on(v, lines):
+    time = 0.01 * np.arange(101)
+    log = {"time": time, "plant.train.v": np.full(101, v), "plant.train.x": 5.0 + v * time}
+    told = wheels.wheel_warnings(connect("loop", {}, a=axle), Scenario("s", 1.0), log)
+    assert len(told) == lines
+    assert all("rolls back from 0 s on, 0.021 m and up to 0.021 m/s" in line for line in told)
+
+
+@pytest.mark.parametrize(("slip", "lines"), [(-21.0, 1), (-19.0, 0), (21.0, 0)])
+def test_a_rim_spins_that_is_20_metres_a_second_faster(slip, lines):
+    part = connect("part", {"adh.v_s": "axle.v_s"}, axle=axle, adh=exponential_tail)
+    log = {"time": 0.01 * np.arange(101), "one.axle.v_s": np.full(101, slip)}
+    loop = connect("loop", {}, one=part)
+    assert len(wheels.wheel_warnings(loop, Scenario("s", 1.0), log)) == lines
+
+
+@cache
+def on_dry_rail():
+    """A loop, its scenario, 2 s of a log of it at rest, and what the rail carries there."""
+    found = case(Trip(
+        duration=2.0, vehicle=CAR, actuator=Lag(torque=8e4), demand=Constant(deceleration=1.2),
+        rail=Track(sections=(Stretch(place=0.0, condition="dry"),)),
+        sensors=Sensors(wheel_speed=Exact()), controllers={"none": DemandAlone()},
+    ))  # fmt: skip
+    loop, still = found.loops["none"], np.zeros(201)
+    log = {"time": 0.01 * np.arange(201), "plant.train.x": still, "plant.train.v": still}
+    return loop, found.scenario, log, wheels._carried(loop, found.scenario, log)[0, 0]
+
+
+HOLDS = dict(asked=0.89, given=0.89, v=0.105, seconds=1.05)
+
+
+@pytest.mark.parametrize(
+    ("change", "lines"),
+    [({}, 1), ({"asked": 0.91}, 0), ({"given": 0.91}, 0), ({"v": 0.095}, 0),
+     ({"seconds": 0.95}, 0)],
+)  # fmt: skip
+def test_slip_control_holds_what_is_clearly_below_what_rail_and_driver_allow(change, lines):
+    """A tenth below either, above 0.1 m/s, for more than a second."""
+    at = HOLDS | change
+    loop, scenario, log, carried = on_dry_rail()
+    demand = at["asked"] * carried
+    command = np.where(log["time"] <= at["seconds"] + 1e-6, at["given"], 1.0) * demand
+    log = log | {"demand.T_demand": np.full(201, demand), "ctl.T_cmd": command,
+                 "plant.train.v": np.full(201, at["v"])}  # fmt: skip
+    told = wheels.wheel_warnings(loop, scenario, log)
+    assert len(told) == lines
+    assert all(f"for {demand:.4g} N m" in line for line in told)

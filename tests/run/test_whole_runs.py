@@ -91,3 +91,12 @@ def test_a_run_ends_in_the_tick_in_which_its_end_has_been_there(end, ticks):
         slow = (np.abs(rows[:, 1:]) <= 1.9).all(axis=1) & (end.signal == "pair")
         last = int(np.argmax(slow)) if slow.any() else 19
     assert many == last + 1
+
+
+def test_a_whole_run_over_a_rail_that_sets_an_input_is_the_run():
+    rail = Rail([Section(0.0, "dry", {"u": 1.0}), Section(0.7, "wet", {"u": 2.0})])
+    scenario = Scenario("s", 2.0, rail)
+    whole = prepare(swing, scenario, compile=False).whole({"k": 2.0})
+    log = simulate(swing.with_params(k=2.0), scenario, compile=False)
+    assert whole.x[:, 0] == pytest.approx(log["x"].values)
+    assert whole.u[:, 0].tolist() == [1.0] * 7 + [2.0] * 13

@@ -16,6 +16,7 @@ from slipctl import (
     Scenario,
     connect,
     law,
+    locking_seek,
     perturbation_seek,
     seek_limits,
     simulate,
@@ -223,3 +224,22 @@ def test_what_is_refused_of_a_dither():
 )  # fmt: skip
 def test_units_of_seekers(block):
     assert block.check_units() == []
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"third": math.nan}, {"third": math.inf}, {"curvature": -math.inf}, {"curvature": 0.0},
+     {"steepest": 0.0}, {"curvature": -BEND}],
+)  # fmt: skip
+@pytest.mark.parametrize("make", [perturbation_seek, locking_seek])
+def test_a_map_that_no_seeker_climbs_is_refused(make, wrong):
+    """A number that is none, no peak at all, and a valley, from which the gain flees."""
+    with pytest.raises(BadInput):
+        seek_limits(make(T), **dict(steepest=0.66, curvature=BEND) | wrong)
+
+
+@pytest.mark.parametrize("k", [0.5, 2.0, 5.0])
+def test_a_weak_dither_is_as_slow_as_its_slower_pole(k):
+    """Both poles are real and their sum is -w_l, so the slower one has 2/w_l at least."""
+    block = perturbation_seek(T, k=k)
+    assert seek_limits(block, steepest=0.66, curvature=BEND).time_constant > 2 / 0.7

@@ -426,3 +426,15 @@ def of_vectors(v_s=Input("m/s", "argument"), k=Param("m/s", [1.0, 2.0], "vector"
 def test_laws_that_cannot_be_searched(subject, words):
     with pytest.raises(BadInput, match=re.escape(words)):
         search(subject)
+
+
+@pytest.mark.parametrize("population", [7, 20, 23])
+def test_a_peak_is_found_by_populations_of_any_size(population):
+    """Less than are drawn at once, twice as many, and some more than that."""
+
+    @law(y=Output("1", "height"))
+    def hill(x=Input("1", "place"), r=Input("1", "where it is highest")):
+        return ca.exp(-((x - r) ** 2))
+
+    found = differential_evolution(hill, "x", lo=0.0, hi=2.0, population=population, generations=30)
+    assert found(r=0.7)[1]["best"] == pytest.approx(0.7, abs=0.01)

@@ -46,6 +46,32 @@ def test_all_parts_are_tried():
     assert len(NUMBERS) > 150
 
 
+def test_each_key_is_told_in_whatever_order_they_stand():
+    """All but those of the rest, and the kind where it says nothing."""
+    for kind in PARTS.values():
+        wanted = [f for f in fields(kind) if not f.metadata.get("rest")]
+        told = [key.name for key in declared_parts.keys_of(kind)]
+        assert [n for n in told if n != "kind"] == [key_of(f) for f in wanted if f.name != "kind"]
+
+
+def test_the_schema_says_of_what_a_list_or_a_table_is():
+    """Of parts by their names, of numbers and texts by what they are."""
+    told = declared_parts.schema([Trip, StudyTrip], "trip")["$defs"]
+    seen = 0
+    for name, kind in PARTS.items():
+        for f in fields(kind):
+            for c in options(hints(kind)[f.name]):
+                if get_origin(c) is not tuple or f.metadata.get("rest") or f.metadata.get("free"):
+                    continue
+                said = told[name]["properties"][key_of(f)]
+                lists = [s for s in said.get("anyOf", [said]) if s.get("type") == "array"]
+                parts = {p.__name__ for p in options(get_args(c)[0]) if is_dataclass(p)}
+                items = [i for s in lists for i in s["items"].get("anyOf", [s["items"]])]
+                assert parts <= {i.get("$ref", "").rpartition("/")[2] for i in items}, (name, f)
+                seen += bool(parts)
+    assert seen > 3
+
+
 @pytest.mark.parametrize(("name", "f"), NUMBERS, ids=[f"{name}.{key_of(f)}" for name, f in NUMBERS])
 def test_a_number_is_one_in_its_unit_and_range(name: str, f: Any) -> None:
     kind, key, meta = PARTS[name], key_of(f), f.metadata

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from itertools import permutations
 from types import SimpleNamespace
 
 import pytest
 
 from slipctl import BadInput, Signals, Study
-from slipctl.run.metrics import Metric
-from slipctl.study.report.texts import MARK, limits_broken, metric_table
+from slipctl.run.metrics import METRICS, Metric
+from slipctl.study.report.texts import (
+    MARK,
+    absent,
+    limits_broken,
+    metric_table,
+    values_beyond_limit,
+)
 
 
 def results(limits, **loops):
@@ -38,6 +45,24 @@ def test_a_time_that_never_comes_and_a_metric_that_is_missing_are_above_every_li
     ]
     rows = [r.split() for r in metric_table(found, "base").splitlines() if "settling_time [s]" in r]
     assert [r[2:] for r in rows] == [["0.1", "/", "never", "!"]]
+
+
+@pytest.mark.parametrize("names", list(permutations(["above_ideal", "lock_time", "slip_max"])))
+def test_each_limit_is_held_in_whatever_order_they_stand(names):
+    """One is against a bound that is not there, one has no value, one is above."""
+    found = results(dict.fromkeys(names, 1.0), a={"lock_time": Metric(2.5, "s")})
+    assert values_beyond_limit(found, "base") == {"a": {"lock_time": [0], "slip_max": []}}
+    (line,) = limits_broken(found, "base")
+    assert "lock_time 2.5 s, at most 1 s" in line
+    assert "it has no slip_max" in line
+
+
+@pytest.mark.parametrize("name", [n for n, d in METRICS.items() if d.needs])
+def test_a_metric_that_one_loop_has_not_is_told_with_what_it_lacks(name):
+    found = results({}, a={name: Metric(1.0, "s")}, b={})
+    found.study.signals = Signals()
+    (line,) = absent(found, "base")
+    assert line.startswith(f"{name} of b: not shown, there is no ")
 
 
 def test_without_limits_nothing_is_marked():

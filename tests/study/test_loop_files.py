@@ -152,7 +152,7 @@ def test_new_from_writes_the_file_and_refuses_what_is_no_loop(tmp_path, monkeypa
 
 
 @law(y=Output("N", "sum"))
-def fed(a=Input("N", "one"), b=Input("N", "two"), c=Input("N", "three")):
+def fed(a=Input("N", "one, in front (of b)"), b=Input("N", "two"), c=Input("N", "three" * 30)):
     """Three forces."""
     return a + b + c
 
@@ -163,4 +163,5 @@ def test_inputs_that_are_numbers_are_written_and_others_are_told():
     told = tomllib.loads("\n".join(lines))
     assert told == {"inputs": {"a": "2.5 N", "c": "3 N"}}
     assert "# b changes over time, as the study has it" in lines
+    assert next(k for k in lines if k.startswith("a = ")).endswith("# one, in front (of b)")
     assert [*loop_files._inputs(fed, Scenario("s", 1.0))] == []

@@ -99,6 +99,14 @@ def test_each_metric_is_shown_for_each_loop(results, shown):
     assert len(way[0]) > len("distance [m]")  # what it means is a click away
 
 
+@pytest.mark.parametrize("scenario", ["base", "noisy"])
+def test_a_scenario_that_was_not_run_hides_no_other(results, scenario):
+    alone = replace(results, metrics={scenario: results.metrics[scenario]})
+    told = Sections(page(alone, [], {}, "slipctl run <toy>"))
+    assert told.heads["metrics"] == [scenario]
+    assert len(told.tables["metrics"]) == 1
+
+
 def test_each_claim_has_its_verdict_tolerance_and_assumption(results, shown):
     verdicts = {v.claim.claim: v for v in execution.judge_all(results)}
     ((head, *rows),) = shown.tables["claims"]

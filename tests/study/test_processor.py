@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import toy_study
+import xarray
 
 from slipctl import BadInput
 from slipctl.ccode import codegen
@@ -136,6 +137,19 @@ def float_loop(tmp_path_factory):
     params = codegen.record_part(loop, "ctl", case.scenario, 1)[1]
     module = codegen.c_module(loop["ctl"], tmp_path_factory.mktemp("c"), real="float").compile()
     return processor.closed_loop(asked, "ctl"), module.load(), params
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_two_runs_are_compared_while_both_last(turned):
+    """One ends two ticks before; the largest difference is in the tick before that."""
+
+    def run(values):
+        return xarray.Dataset({"v": ("time", values)}, coords={"time": np.arange(len(values))})
+
+    long, short = run([1.0, 2.0, 3.0, 90.0, 99.0]), run([1.0, 2.5, 2.0])
+    pair = (short, long) if turned else (long, short)
+    found = processor._farthest(*pair, "v")
+    assert (found["absolute"], found["tick"], found["element"]) == (1.0, 2, None)
 
 
 def test_float_c_in_its_loop_stays_within_rounding(float_loop):

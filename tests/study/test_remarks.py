@@ -69,6 +69,8 @@ def test_a_line_says_that_a_vehicle_rolls_back():
         (0.5, True, "the controller held the slip all the same"),
         (np.where(T > 8, 3.0, 0.5), False, "the slip came to 3 m/s then, no wheel locked"),
         (np.where(T > 8, 20 - 0.5 * T, 0.5), False, "wheels locked for"),
+        (np.where(T > 8, 0.952 * (20 - 0.5 * T), 0.5), False, "wheels locked for"),
+        (np.where(T > 8, 0.948 * (20 - 0.5 * T), 0.5), False, "no wheel locked"),
     ],
 )
 def test_a_doubt_is_a_sentence_and_a_warning_only_where_the_slip_was_lost(slip, held, said):

@@ -99,6 +99,19 @@ def test_a_close_verdict_says_what_turns_it() -> None:
     assert verdict({"a": 1.0, "b": 1.0}, **order) == ("not reproduced", "a and b tie")
 
 
+@pytest.mark.parametrize(("share", "close"), [(0.096, True), (0.104, False)])
+def test_close_is_a_tenth_of_what_is_allowed_and_a_hundredth_in_an_order(share, close) -> None:
+    """On either side of the end."""
+    for sign in (1, -1):
+        ours = 0.045 - sign * share * 0.005
+        assert ("close" in verdict(ours, paper="0.04", tolerance="last digit")[1]) == close
+        both = {"a": 1.0, "b": 1.0 - share / 10}
+        found = verdict(
+            both if sign > 0 else {"a": both["b"], "b": 1.0}, kind="order", paper="a > b"
+        )
+        assert ("close" in found[1]) == close
+
+
 def test_yes_or_no() -> None:
     assert verdict(np.bool_(True), kind="yes/no", paper=True)[0] == "reproduced"
     assert verdict(False, kind="yes/no", paper=True)[0] == "not reproduced"
@@ -314,6 +327,14 @@ def test_selection() -> None:
         prepared(loops=["hard"], scenarios=["noisy"])
 
 
+def test_what_was_built_already_is_not_built_again() -> None:
+    cases, models = case_setup.prepare(toy_study.study, quick=True)
+    again, same = case_setup.prepare(toy_study.study, quick=True, built=(cases, models))
+    assert same is models
+    assert [c.scenario.name for c in again] == [c.scenario.name for c in cases]
+    assert all(a.loops[n] is c.loops[n] for a, c in zip(again, cases, strict=True) for n in c.loops)
+
+
 def test_known_values_must_match_the_rail() -> None:
     case = prepared()[0]
     wrong = Case(case.scenario, case.loops, {"best": Known("1", [1.0])})
@@ -333,7 +354,7 @@ def results() -> Results:
 @pytest.mark.parametrize("count", [1, 2])
 def test_jobs_beside_the_runs_are_done_and_not_counted_as_runs(count: int) -> None:
     cases, models = case_setup.prepare(toy_study.study, quick=True)
-    heard: list[str] = []
+    heard: dict[str, float] = {}
     found: dict[str, Any] = {}
 
     def broken(tell: Any) -> str:
@@ -342,13 +363,14 @@ def test_jobs_beside_the_runs_are_done_and_not_counted_as_runs(count: int) -> No
     with Cores(count) as cores:
         results = execution.run(
             toy_study.study, cases, models, quick=True, experiments=False, cores=cores,
-            report=lambda what, share: heard.append(what),
+            report=heard.__setitem__,
             beside={"page": lambda tell: "text", "bad": broken}, take=found.__setitem__,
         )  # fmt: skip
     assert found["page"].get() == "text"
     with pytest.raises(RunFailed, match="no page"):
         found["bad"].get()
     assert set(heard) == {f"{s}/{n}" for s, logs in results.data.items() for n in logs}
+    assert set(heard.values()) == {1}  # the share that was told last
     assert not results.failed
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slipctl.run.metrics import Metric
+from slipctl.run.metrics import METRICS, Metric
 from slipctl.study.declaration import FAILED, OPEN, REPRODUCED, Claim
 from slipctl.study.report import texts
 from slipctl.study.report.texts import number, telling_digits, with_unit
@@ -139,6 +139,18 @@ def test_who_does_not_stop_where_another_does_is_no_competitor():
     assert told["distance"] == (["", "", "4"], [])
     del found.metrics["base"]["a"]["stopping_distance"]
     assert texts.failed_loops(found, "base") == set()
+
+
+def test_an_event_that_tells_no_loop_from_another_hides_no_other_metric():
+    """Nor does a metric that no loop has; an event that is late in one of them is shown."""
+    events = dict.fromkeys((n for n, d in METRICS.items() if d.event), None)
+    others = {n: float(k) for k, (n, d) in enumerate(METRICS.items()) if not d.event}
+    found = results_of(a=events | others, b=events | others)
+    found.study.limits = {}
+    assert {row[0].split()[0] for row, _ in texts.ranked_rows(found, "base")[1:]} == set(others)
+    for name in events:
+        found.metrics["base"]["b"][name] = Metric(3.0, "s")
+        assert name in {row[0].split()[0] for row, _ in texts.ranked_rows(found, "base")[1:]}
 
 
 def test_the_best_is_at_the_better_end_and_where_all_say_the_same_none_is():

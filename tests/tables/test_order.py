@@ -35,6 +35,28 @@ ODD = [  # times, kept rows, begins of further runs, what is said
     # a time out of order: the row before, or the row itself, is left out
     ([0, 1, 2, 33, 4, 5, 6, 7], [0, 1, 2, 4, 5, 6, 7], [], "1 row with a time out of order"),
     ([0, 1, 2, 3, -9, 5, 6, 7], [0, 1, 2, 3, 5, 6, 7], [], "out of order, left out: line 6"),
+    # left out where one row is missing, to half a step; else a further run begins
+    *(
+        (
+            [0, 1, 2, 3, -9, *(3 + d + k for k in range(8))],
+            [*range(4), *range(5, 13)] if 1.5 < d < 2.5 else list(range(13)),
+            [] if 1.5 < d < 2.5 else [4],
+            "out of order" if 1.5 < d < 2.5 else "goes back",
+        )
+        for d in (1.4, 1.6, 2.4, 2.6)
+    ),
+    *(
+        (
+            [0, 1, 2, 33, *(2 + d + k for k in range(8))],
+            [0, 1, 2, *range(4, 12)] if 1.5 < d < 2.5 else list(range(12)),
+            [] if 1.5 < d < 2.5 else [4],
+            "out of order" if 1.5 < d < 2.5 else "goes back",
+        )
+        for d in (1.4, 1.6, 2.4, 2.6)
+    ),
+    # written late by a quarter of a step off its place, and by more
+    ([0, 1, 4, 2.24, *range(5, 12)], [0, 1, 3, 2, *range(4, 11)], [], "written late"),
+    ([0, 1, 4, 2.26, *range(5, 12)], list(range(11)), [3], "the time goes back"),
     ([0, 1, 2, 2, 3, 4], [0, 1, 3, 4, 5], [], "1 row with the time of the row before"),
     ([0, 1, 2, 3, 0, 1, 2, 3], list(range(8)), [4], "line 6: the time goes back from 3 s to 0 s"),
     ([5, 6, 7, 5, 6, 5, 6, 7], list(range(8)), [3, 5], "run 3 begins there"),

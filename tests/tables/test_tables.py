@@ -205,7 +205,10 @@ def marked(value: str, every: int = 90) -> str:
     return HEAD + rows(lambda t, v, k: f"{t:.1f};{value}" if k % every == 7 else plain(t, v, k))
 
 
-@pytest.mark.parametrize("value", ["-999.25", "3.4028235e38", "9.9E37", "65535.00"])
+@pytest.mark.parametrize(
+    "value",
+    ["-999.25", "3.4028235e38", "9.9E37", "65535.00"],
+)
 def test_a_number_that_no_sensor_gives_is_refused_with_its_row(value: str, tmp_path: Path) -> None:
     file = tmp_path / "log.csv"
     file.write_text(marked(value), encoding="utf-8")
@@ -306,3 +309,30 @@ def test_a_column_is_found_by_its_name_in_any_letters_or_by_its_head(tmp_path: P
     path.write_text("t [s];x;x;y\n0;1;2;3\n1;2;3;4\n")
     with pytest.raises(BadInput, match="its head has two columns 'x'; rename one"):
         read_table(path).find("x")
+    assert read_table(path).numbers("y").tolist() == [3, 4]
+
+
+@pytest.mark.parametrize(("value", "fine"), [("0.95e100", True), ("1.05e100", False)])
+def test_a_number_beyond_what_can_be_squared_is_refused_whatever_its_sign(tmp_path, value, fine):
+    path = tmp_path / "log.csv"
+    for sign in ("", "-"):
+        path.write_text(f"t [s];v\n0;{sign}{value}\n1;2\n", encoding="utf-8")
+        if fine:
+            assert abs(read_table(path).numbers("v")[0]) == float(value)
+        else:
+            with pytest.raises(BadInput, match="beyond what can be squared"):
+                read_table(path).numbers("v")
+
+
+@pytest.mark.parametrize("value", [999, 9999, 32767, 65535, 2**32 - 1, 1e20, 1e30, 3.4028235e38])
+def test_what_loggers_write_for_nothing_is_refused_in_a_few_rows_too(tmp_path, value):
+    """Of either sign; a number that is larger by a twentieth is one."""
+    path = tmp_path / "log.csv"
+    for number in (value, -value, 1.05 * value):
+        text = f"t [s];v\n0;1.5\n1;{number!r}\n2;{number!r}\n3;1.25\n"
+        path.write_text(text, encoding="utf-8")
+        if number == 1.05 * value:
+            assert read_table(path).numbers("v")[1] == number
+        else:
+            with pytest.raises(BadInput, match=r"line 3.*missing value"):
+                read_table(path).numbers("v")

@@ -258,13 +258,13 @@ def test_a_run_begins_anew_as_soon_as_its_code_is_compiled(monkeypatch) -> None:
             return self.fast if self.compiled else self.slow
 
     made = Rig()
-    own = answers.Answers(SimpleNamespace())
+    own = answers.Answers(SimpleNamespace(folder=None, loop="loop"))
     monkeypatch.setattr(own, "_rig", lambda request: made)
     monkeypatch.setattr(own, "_moved", lambda request, rig: {})
     monkeypatch.setattr(answers, "curves_of_run", lambda seen, known: seen)
     monkeypatch.setattr(answers, "frame", lambda head, seen, *most: (head, seen))
     monkeypatch.setattr(answers, "metric_rows", lambda metrics, limits: metrics)
-    monkeypatch.setattr(answers, "command_of", lambda *given: "")
+    monkeypatch.setattr(answers, "words_of_run", lambda *given: "")
     *_, (head, seen), end = own.run({})
     assert (head["compiled"], head["share"], seen, end["metrics"]) == (True, 1.0, "fast", "fast")
     assert made.slow.rolled < 10
@@ -433,7 +433,7 @@ def test_a_part_is_shown_with_the_first_line_of_what_it_is() -> None:
 
 
 def test_effects_of_a_law_without_gains_need_a_number_that_was_moved(monkeypatch) -> None:
-    own = answers.Answers(SimpleNamespace())
+    own = answers.Answers(SimpleNamespace(folder=None))
     beside = sliders.Slider("m", 1.0, "kg", 0.5, 2.0, 0.5, 2.0, False, "", "", "vehicle and rail")
     monkeypatch.setattr(own, "_rig", lambda request: SimpleNamespace(sliders=[beside]))
     monkeypatch.setattr(own, "_moved", lambda request, rig: {})

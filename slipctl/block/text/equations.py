@@ -20,7 +20,6 @@ from typing import Any
 import casadi as ca
 
 from slipctl.block.block import Block, Exprs, block_from
-from slipctl.block.declare import check_conditions
 from slipctl.block.signals import Signal
 from slipctl.block.text import expression, formula
 from slipctl.block.text.expression import Expression, interpolated
@@ -193,7 +192,6 @@ class _Reader(Meanings):
         values = self.condition_values(conditions, {s.name: s for s in signals})
         self.stop()
         try:
-            check_conditions(name or kind, values, {s.name: s for s in signals})
             made = block_from(
                 name or kind, kind, equations.body, signals, period=seconds, doc=doc, units=units,
                 conditions=values,
