@@ -162,7 +162,7 @@ def worst_runs(
                         starts[best].copy(),
                         signs[best].copy(),
                     )
-                if beyond(far[best], limit):
+                if is_beyond(far[best], limit):
                     ended = True
                     break
                 if generation + 1 < GENERATIONS:
@@ -173,7 +173,7 @@ def worst_runs(
                 ended)  # fmt: skip
 
 
-def beyond(far: float, limit: float) -> bool:
+def is_beyond(far: float, limit: float) -> bool:
     """Whether a value in floats is beyond its limit, by more than roundings."""
     return bool(far > limit + abs(limit) * 1e-9)
 

@@ -15,7 +15,7 @@ from slipctl.certify.cells.mode_proofs import (
     find_cells,
     runs_of_loop,
 )
-from slipctl.certify.cells.mode_runs import Bounds, Runs, beyond, replay_run, run_entries
+from slipctl.certify.cells.mode_runs import Bounds, Runs, is_beyond, replay_run, run_entries
 from slipctl.certify.entries import DoesNotHold, rational, read_mapping
 from slipctl.certify.promise import (
     Criterion,
@@ -181,7 +181,7 @@ class Question:
         for side in (1, -1) if self.stays[state].both else (1,):
             runs = self.runs(loop, self.within(n), self._bounds(n))
             far, starts, signs = runs.worst[state, side]
-            if beyond(side * far, float(limit)):
+            if is_beyond(side * far, float(limit)):
                 return run_entries(starts, signs)
         return None
 
