@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from casadi import fmax, if_else, logic_and, logic_not, logic_or, sum1, vertcat
+from casadi import fabs, fmax, fmin, if_else, logic_and, logic_not, logic_or, sum1, vertcat
 
 from slipctl import Block, Input, Output, Param, Signal, State
 from slipctl.block.block import Exprs, make_block
@@ -41,9 +41,24 @@ BEHIND = 0.5
 MEASURED = 2.0
 """Largest adhesion that a sample may have: twice what steel on steel can."""
 
+MOVES = 1.0
+"""Speed in m/s by its sensor from which a driven vehicle may be in motion though no wheel turns."""
+
+STILL = 0.05
+"""Believed speed in m/s below which a vehicle is taken for one that stands."""
+
+TRIED = 1.0
+"""Seconds of demand in which wheels of a vehicle that stands begin to turn."""
+
 
 def _failures(turn: int) -> list[tuple[str, ...]]:
     """Rows of what may fail among the inputs; see ``block/text/failures.py``."""
+    supply = [
+        ("two wheel speeds or more read zero in motion (a supply fails)", "the sensor of the"
+         f" vehicle's speed tells {MOVES:g} m/s or more; the wheels stand, just after they turned"
+         f" or for {TRIED:g} s of demand; `trust.ok`", "the axles get the safe output until wheels"
+         " and that sensor agree, or the demand has been zero", "no drive", f"{TRIED:g} s"),
+    ] if turn < 0 else []  # fmt: skip
     passes = "passes" if turn > 0 else "stays behind"
     gone = f"the last good sample for {HOLD:g} s, then the axle gets the safe output"
     return [
@@ -84,6 +99,7 @@ def _failures(turn: int) -> list[tuple[str, ...]]:
          " the demand; `trust.retry`", "the demand for {again}, then slip control again"
          if turn > 0 else "the safe output for {again}, then slip control again", "",
          "{limit}"),
+        *supply,
     ]  # fmt: skip
 
 
@@ -152,10 +168,28 @@ def _speed(
     return kept, dict(v=believed, v_ok=car.v_ok, paced=car.paced), wrong
 
 
+def _supply(
+    s: Mapping[str, Any], speed: Mapping[str, Any], v: Any, demand: Any
+) -> tuple[dict[str, Any], Any]:
+    """State of a driven vehicle, and whether wheels that read zero have no supply.
+
+    Two of them outvote the sensor of the vehicle's speed, as they do where it is stuck and the
+    vehicle stands. But there the wheels turn when they get a torque, and no vehicle stops at once.
+    """
+    sure = logic_or(speed["seen"] > 0.5, speed["given_h"] < MOVES)
+    again = logic_or(sure, demand <= 0.02 * s["T_max"])
+    counted = fmin(s["tried"] + if_else(fabs(v) < STILL, s["T"], 0), 2 * TRIED)
+    tried = if_else(v >= MOVES, TRIED, if_else(again, 0, counted))
+    return dict(tried=tried), tried > TRIED
+
+
 def _axles(
-    s: Mapping[str, Any], own: Sequence[AxleSample], wrong: Any, v: Any, demand: Any
+    s: Mapping[str, Any], own: Sequence[AxleSample], wrong: Any, v: Any, demand: Any, *more: Any
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """States and outputs of the axles, after they were judged by the vehicle's speed ``v``."""
+    """States and outputs of the axles, after they were judged by the vehicle's speed ``v``.
+
+    ``more`` are conditions without which no axle's samples are believed.
+    """
     T, top = s["T"], clip_to_range(demand, 0, s["T_max"])
     alone = 2 * sum(a.slides for a in own) <= len(own)
     rows: list[dict[str, Any]] = []
@@ -163,7 +197,7 @@ def _axles(
     for a in own:
         a.doubt(alone, top)
         ban = if_else(logic_and(a.dead, logic_not(wrong)), 10.0, fmax(s["ban"][a.k] - T, 0))
-        okay = logic_and(a.out < HOLD, ban <= 0)
+        okay = all_hold([a.out < HOLD, ban <= 0, *more])
         good = time_without_break(okay, s["good"][a.k], T)
         omega = if_else(a.taken, a.omega, s["omega_h"][a.k])
         rows.append(dict(
@@ -204,11 +238,17 @@ def trust(axles: int, driven: bool) -> Block:
         own = [AxleSample(k, s, turn) for k in range(axles)]
         speed, told, wrong = _speed(s, own, turn)
         wanted, said = _demand(s)
-        axle, of_each = _axles(s, own, wrong, told["v"], said["demand"])
+        more: list[Any] = []
+        if driven:
+            kept, zero = _supply(s, speed, told["v"], said["demand"])
+            speed, more = speed | kept, [logic_not(zero)]
+        axle, of_each = _axles(s, own, wrong, told["v"], said["demand"], *more)
         train, tried = _release(s, axles, said["demand"])
         return speed | wanted | axle | train, told | said | of_each | tried
 
     signals = [*of_axle, *of_speed, *of_train]
+    if driven:
+        signals += named_signals(tried=State("s", 0.0, "time of demand in which it stood"))
     return make_block(
         "trust", "step", judging,
         states=[s for s in signals if s.role == "state"],

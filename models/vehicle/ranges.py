@@ -18,7 +18,7 @@ from slipctl.block.text.named_expressions import evaluate
 from slipctl.certify.arithmetic.enclosure import enclose
 from slipctl.models.common_form import T_S, Wheel
 from slipctl.models.ranges import FLAG, of_those
-from slipctl.models.vehicle.failure import BEHIND, MEASURED
+from slipctl.models.vehicle.failure import BEHIND, MEASURED, TRIED
 from slipctl.models.vehicle.measurement.axle_samples import (
     AGAIN,
     DOUBT,
@@ -105,6 +105,7 @@ def with_control_ranges(block: Block, trip: Trip, w: Wheel) -> Block:
         "trust.ban": (0, 10, "it is set to that"),
         "trust.up": (0, SPEAKS, "it is set to that"),
         "trust.rest": (0, 10, "it is set to that"),
+        "trust.tried": (0, 2 * TRIED, "longer is not counted"),
         "trust.given_h": speed,
         "trust.lead_h": (-rim, rim, "a wheel that spins free"),
         "trust.moved": (-NEVER, NEVER, "more is not counted"),

@@ -12,7 +12,7 @@ from slipctl import connect
 from slipctl.certify.arithmetic.enclosure import enclose
 from slipctl.models import vehicle
 from slipctl.models.vehicle.air.slide_protection import watchdog
-from slipctl.models.vehicle.failure import _axles, trust
+from slipctl.models.vehicle.failure import MOVES, TRIED, _axles, _supply, trust
 from slipctl.models.vehicle.measurement.axle_samples import HOLD, AxleSample
 from slipctl.models.vehicle.safe_output import safe_command
 from slipctl.study.request import Request
@@ -141,5 +141,40 @@ def test_an_axle_is_not_ready_from_the_tick_on_in_which_its_last_good_value_is_t
     s, axle = judged_axle(driven)
     axle.out = ca.SX(HOLD)
     _, told = _axles(s, [axle], ca.SX.sym("wrong"), ca.SX.sym("v"), ca.SX.sym("demand"))
+    assert told["ready"].is_zero()
+    assert told["ok"].is_zero()
+
+
+def most_tried(v, **fixed):
+    """Ends of the next count of ``_supply`` for believed speeds ``v``, over all that is not fixed.
+
+    It keeps the drive from its demand while it is above the limit ``TRIED``.
+    """
+    names = ("tried", "v", "seen", "given_h", "demand")
+    x = {n: ca.SX.sym(n) for n in names}
+    of = x | {n: ca.SX(value) for n, value in fixed.items()}
+    numbers = {"tried": x["tried"], "T": ca.SX(1e-3), "T_max": ca.SX(8e3)}
+    count, zero = _supply(numbers, of, of["v"], of["demand"])
+    assert ca.is_equal(zero, count["tried"] > TRIED, 50)
+    f = ca.Function("f", [ca.vertcat(*x.values())], [count["tried"]])
+    low, high = ([(0, 2 * TRIED)[k], v[k], *[(-1e9, 1e9)[k]] * 3] for k in (0, 1))
+    least, most = enclose(f, np.array([low]).T, np.array([high]).T)
+    assert least[0, 0] >= -1e-12  # ends are rounded outwards
+    return most[0, 0] - 1e-12
+
+
+def test_a_drive_is_kept_from_its_demand_only_where_its_sensor_contradicts_a_stand():
+    """Not while that is believed, or tells less, or without a demand, or in motion."""
+    slow, moves = (-1e9, np.nextafter(MOVES, 0)), (MOVES, 1e9)
+    assert most_tried(slow) <= 2 * TRIED  # the count stays in its range
+    assert most_tried(moves) <= TRIED
+    for sure in ({"seen": 1}, {"given_h": 0.99 * MOVES}, {"demand": 0}):
+        assert most_tried(slow, **sure) <= 0
+
+
+def test_no_axle_of_a_drive_is_ready_while_its_wheels_have_no_supply():
+    s, axle = judged_axle(True)
+    more = ca.SX(0)
+    _, told = _axles(s, [axle], ca.SX.sym("wrong"), ca.SX.sym("v"), ca.SX.sym("demand"), more)
     assert told["ready"].is_zero()
     assert told["ok"].is_zero()
