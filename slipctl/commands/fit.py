@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,12 @@ import numpy as np
 from slipctl import __version__, registry
 from slipctl.block.block import Block
 from slipctl.block.reach import measured_reach
-from slipctl.block.signals import Signal
 from slipctl.block.text.meanings import is_equation
+from slipctl.commands import fit_log
 from slipctl.commands.replay import pairs
 from slipctl.draw import plots
 from slipctl.errors import BadInput
 from slipctl.estimate.curve_fit import Fitted, fit
-from slipctl.estimate.log_fit.record import FittedOverTime
 from slipctl.run import store
 from slipctl.run.logs.recorded_log import csv_of
 from slipctl.study import resolve
@@ -36,8 +35,6 @@ def answer(options: argparse.Namespace, command: str) -> int:
     """Print what the fit gives: of a law to a curve, of a flow to logs."""
     base = resolve.load_block(options.law)
     if base.kind == "flow":
-        from slipctl.commands import fit_log
-
         _refuse(options, "ordered", "is for a law, not for a flow and its log")
         said = fit_log.run(options, base, command)
     else:
@@ -100,7 +97,7 @@ def payload(found: Fitted, law: str, command: str) -> dict[str, Any]:
     """Content of ``fit.json``, but for its format."""
     base, curve = found.law, found.curve
     units = {n: base.params[n].unit for n in found.values}
-    return numbers_of_fit(found, units, base.outputs[curve.output], curve.measured.size) | {
+    return fit_log.numbers_of_fit(found, units, base.outputs[curve.output], curve.measured.size) | {
         "tied": found.tied,
         "doubts": list(found.doubts),
         "law": law,
@@ -118,24 +115,6 @@ def payload(found: Fitted, law: str, command: str) -> dict[str, Any]:
         ],
         "slipctl_version": __version__,
         "command": command,
-    }
-
-
-def numbers_of_fit(
-    found: Fitted | FittedOverTime, units: Mapping[str, str], output: Signal, points: int
-) -> dict[str, Any]:
-    """What was found of a law and of a flow alike, as ``fit.json`` has it."""
-    return {
-        "parameters": {
-            n: {"value": v, "unit": units[n], "std": found.std[n]} for n, v in found.values.items()
-        },
-        "max_error": found.max_error,
-        "rms": found.rms,
-        "output": output.name,
-        "unit": output.unit,
-        "points": int(points),
-        "interval_95": {n: list(v) if v else None for n, v in found.interval.items()},
-        "correlation": {f"{a}, {b}": r for (a, b), r in found.correlation.items()},
     }
 
 

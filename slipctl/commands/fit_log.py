@@ -13,12 +13,13 @@ import numpy as np
 
 from slipctl import __version__, registry
 from slipctl.block.block import Block
+from slipctl.block.signals import Signal
 from slipctl.block.units.unit_algebra import parse_quantity
-from slipctl.commands.fit import numbers_of_fit
 from slipctl.commands.replay import pairs
 from slipctl.draw import plots
 from slipctl.errors import BadInput, Faults
 from slipctl.estimate.curve import quantity
+from slipctl.estimate.curve_fit import Fitted
 from slipctl.estimate.log_fit.flow_fit import fit_over_time
 from slipctl.estimate.log_fit.record import DEAD, FittedOverTime, Record, origin
 from slipctl.run import store
@@ -266,3 +267,21 @@ def report(found: FittedOverTime, folder: Path, keys: Mapping[str, str]) -> str:
         f"largest error {found.max_error:.3g} {unit}, rms {found.rms:.3g} {unit}{tail}\n\n"
         + "\n".join(str(folder / f) for f in files)
     )
+
+
+def numbers_of_fit(
+    found: Fitted | FittedOverTime, units: Mapping[str, str], output: Signal, points: int
+) -> dict[str, Any]:
+    """What was found of a law and of a flow alike, as ``fit.json`` has it."""
+    return {
+        "parameters": {
+            n: {"value": v, "unit": units[n], "std": found.std[n]} for n, v in found.values.items()
+        },
+        "max_error": found.max_error,
+        "rms": found.rms,
+        "output": output.name,
+        "unit": output.unit,
+        "points": int(points),
+        "interval_95": {n: list(v) if v else None for n, v in found.interval.items()},
+        "correlation": {f"{a}, {b}": r for (a, b), r in found.correlation.items()},
+    }
