@@ -120,15 +120,22 @@ def run(
                             keep.keep_tables(what, found)
                 tell(what, 1.0)
     finally:  # what had finished before Ctrl-C is in order too
-        for case in cases:
-            _finish(results, case)
-        scenarios = [case.scenario.name for case in cases]
-        results.data = _as_in(results.data, scenarios)
-        results.metrics = _as_in(results.metrics, scenarios)
-        order = {n: k for k, n in enumerate(study.experiments)}
-        results.tables = dict(sorted(results.tables.items(), key=lambda item: order[item[0]]))
-        results.failed = _as_in(results.failed, [*runs, *results.failed])
+        _put_in_order(results, study, cases, runs)
     return results
+
+
+def _put_in_order(
+    results: Results, study: Study, cases: Sequence[Case], runs: Iterable[str]
+) -> None:
+    """Order of scenarios, experiments and failures as they are declared, however they ended."""
+    for case in cases:
+        _finish(results, case)
+    scenarios = [case.scenario.name for case in cases]
+    results.data = _as_in(results.data, scenarios)
+    results.metrics = _as_in(results.metrics, scenarios)
+    order = {n: k for k, n in enumerate(study.experiments)}
+    results.tables = dict(sorted(results.tables.items(), key=lambda item: order[item[0]]))
+    results.failed = _as_in(results.failed, [*runs, *results.failed])
 
 
 def _add_runs(

@@ -30,11 +30,7 @@ PREDICTIONS = ("euler", "rk4")
 
 def sampled_form(problem: Problem, setting: Setting, method: str, substeps: int) -> Block:
     """Filter by samples: predict from the tick before to this one, then correct."""
-    if method not in PREDICTIONS:
-        raise BadInput(
-            f"{problem.who}: a sampled filter predicts by {' or '.join(PREDICTIONS)}, not"
-            f" {method!r}; form='differential' takes {', '.join(METHODS)}"
-        )
+    _check_prediction(problem, method)
     names, unknown = Names(problem), problem.unknown
     if problem.moving:
         motion = _motion(problem, setting)
@@ -110,6 +106,14 @@ def sampled_form(problem: Problem, setting: Setting, method: str, substeps: int)
         outputs=signals.filter_outputs(problem, names), period=setting.period, sx=problem.block.sx,
         units=problem.block.units, choices=setting.choices, doc=setting.doc,
     )  # fmt: skip
+
+
+def _check_prediction(problem: Problem, method: str) -> None:
+    if method not in PREDICTIONS:
+        raise BadInput(
+            f"{problem.who}: a sampled filter predicts by {' or '.join(PREDICTIONS)}, not"
+            f" {method!r}; form='differential' takes {', '.join(METHODS)}"
+        )
 
 
 def _grown(wider: Sequence[Vector], gamma: Any, p: Exprs, caps: Sequence[str]) -> list[Vector]:

@@ -25,7 +25,7 @@ from slipctl.run.roles import Signals
 from slipctl.run.sweep import sweep_store
 from slipctl.run.sweep.sweep_plan import Plan, plan_of
 from slipctl.run.sweep.sweep_results import Sweep, open_sweep
-from slipctl.run.sweep.sweep_store import Ended
+from slipctl.run.sweep.sweep_store import Ended, Store
 from slipctl.run.sweep.threads import run_tasks
 
 if TYPE_CHECKING:
@@ -100,31 +100,40 @@ def sweep(
     )  # fmt: skip
     told = _agreed(run, plan, seed, design, about)
     with sweep_store.begin(Path(out), told, mixed=mixed) as kept:
-        done = kept.done()
-        missing = (k for k in range(plan.size) if k not in done)
-        total, ended = max(plan.size - sum(k < plan.size for k in done), 1), 0
-
-        def keep(found: list[Ended]) -> None:
-            nonlocal ended
-            kept.add(found)
-            ended += len(found)
-            if progress:
-                progress(ended / total)
-
-        try:
-            if scheduler:
-                from slipctl.run.sweep import cluster
-
-                mixed_of = kept.tell_mixed if mixed else None
-                cluster.run_all(run, plan, missing, total, keep, scheduler, told, mixed_of)
-            else:
-                cores = jobs or machine.cores()
-                run_tasks(missing, lambda k: run.ended(k, plan.numbers(k)), cores, keep)
-        except KeyboardInterrupt as error:
-            interrupts.note_interrupt()
-            error.args = (interrupts.KEPT,)
-            raise
+        _run_missing(run, plan, kept, told, (scheduler, mixed, jobs), progress)
     return open_sweep(out)
+
+
+def _run_missing(
+    run: Measured, plan: Plan, kept: Store, told: Mapping[str, Any],
+    by: tuple[str, bool, int | None], progress: Callable[[float], None] | None,
+) -> None:  # fmt: skip
+    """Roll what a store has not; ``by`` are scheduler, mixed and jobs of :func:`sweep`."""
+    scheduler, mixed, jobs = by
+    done = kept.done()
+    missing = (k for k in range(plan.size) if k not in done)
+    total, ended = max(plan.size - sum(k < plan.size for k in done), 1), 0
+
+    def keep(found: list[Ended]) -> None:
+        nonlocal ended
+        kept.add(found)
+        ended += len(found)
+        if progress:
+            progress(ended / total)
+
+    try:
+        if scheduler:
+            from slipctl.run.sweep import cluster
+
+            mixed_of = kept.tell_mixed if mixed else None
+            cluster.run_all(run, plan, missing, total, keep, scheduler, told, mixed_of)
+        else:
+            cores = jobs or machine.cores()
+            run_tasks(missing, lambda k: run.ended(k, plan.numbers(k)), cores, keep)
+    except KeyboardInterrupt as error:
+        interrupts.note_interrupt()
+        error.args = (interrupts.KEPT,)
+        raise
 
 
 def _agreed(
