@@ -22,6 +22,7 @@ from slipctl import Block, Input, Output, Param, Signal, State
 from slipctl.block.block import Exprs, make_block
 from slipctl.models.common_form import ADDED, T_S
 from slipctl.models.vehicle.measurement.axle_samples import (
+    ASKS,
     DOUBT,
     HOLD,
     NEVER,
@@ -177,7 +178,7 @@ def _supply(
     vehicle stands. But there the wheels turn when they get a torque, and no vehicle stops at once.
     """
     sure = logic_or(speed["seen"] > 0.5, speed["given_h"] < MOVES)
-    again = logic_or(sure, demand <= 0.02 * s["T_max"])
+    again = logic_or(sure, demand <= ASKS * s["T_max"])
     counted = fmin(s["tried"] + if_else(fabs(v) < STILL, s["T"], 0), 2 * TRIED)
     tried = if_else(v >= MOVES, TRIED, if_else(again, 0, counted))
     return dict(tried=tried), tried > TRIED

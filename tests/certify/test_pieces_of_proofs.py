@@ -231,7 +231,7 @@ def test_a_run_through_infinity_leaves_no_bound(back):
     assert len(first) == 1
 
 
-@pytest.mark.parametrize("order", permutations(["none", "fails", "leaves", "of another"]))
+@pytest.mark.parametrize("order", list(permutations(["none", "fails", "leaves", "of another"])))
 def test_a_search_that_finds_no_run_ends_no_search_for_a_counterexample(monkeypatch, order):
     """The first run that leaves is told, whatever was searched before it."""
 
@@ -298,7 +298,7 @@ def test_a_run_beyond_its_bound_ends_the_search_for_a_farther_one(bounded):
 OPTIONAL = [("told", F(1, 2)), ("optional", None), ("default", 0.25)]
 
 
-@pytest.mark.parametrize("order", permutations(OPTIONAL))
+@pytest.mark.parametrize("order", list(permutations(OPTIONAL)))
 def test_a_number_that_is_not_told_hides_none_behind_it(monkeypatch, order):
     """One that may be left out, wherever it stands, in a file and in what is asked."""
     kinds = {"told": Number("1", ""), "optional": Number("1", "", optional=True),
@@ -324,7 +324,7 @@ def test_the_end_of_what_holds_is_found_from_either_side(edge, off, up):
     assert margins.end(lambda x: True, value, up) == (math.inf if up else 0.0)
 
 
-@pytest.mark.parametrize("order", permutations(range(3)))
+@pytest.mark.parametrize("order", list(permutations(range(3))))
 def test_a_verdict_that_goes_by_the_unit_is_found_on_any_panel(order):
     """One whose numbers are not all there says nothing."""
     panel = [{"a": 1.0}, {"a": 1e9, "b": 1.0}, {"a": 1.0, "b": 1.0}]

@@ -137,7 +137,7 @@ def test_spreads_go_from_5_to_95_percent_of_the_runs():
     assert row["difference"] == [50.0]
 
 
-@pytest.mark.parametrize("order", permutations(["none", "never", "draws", "far"]))
+@pytest.mark.parametrize("order", list(permutations(["none", "never", "draws", "far"])))
 def test_a_side_without_a_metric_ends_no_row(order):
     """Each side behind the first has its difference, whatever stands before it."""
     first = Side("a", metrics={"s/x": {"m": np.array([math.inf])}}, draws=["one"])

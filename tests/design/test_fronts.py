@@ -61,7 +61,7 @@ def test_the_front_is_what_nothing_beats(found: Sequence[tuple[int, int, int]]) 
     assert loss(chosen) == pytest.approx(min(loss(found[n]) for n in wanted))
 
 
-@pytest.mark.parametrize("order", permutations(range(5)))
+@pytest.mark.parametrize("order", list(permutations(range(5))))
 def test_members_are_the_same_in_whatever_order_a_pool_stands(order: Sequence[int]) -> None:
     """Of those that stand apart alike the first one."""
     search = object.__new__(FrontSearch)

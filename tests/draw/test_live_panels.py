@@ -50,7 +50,7 @@ def test_what_a_curve_hides_is_their_difference():
     assert one.bands == [(0.0, 5.0, "#ffffff", "")]
 
 
-@pytest.mark.parametrize("order", permutations(range(4)))
+@pytest.mark.parametrize("order", list(permutations(range(4))))
 def test_what_hides_nothing_ends_no_search(order):
     """A thin curve, a short one, one that is farther: wherever they stand between two others."""
     y = np.sin(T)

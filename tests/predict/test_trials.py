@@ -240,7 +240,7 @@ def test_a_soft_limit_that_a_stage_has_not_lies_far_below_and_hides_no_other() -
     assert rows() == []
 
 
-@pytest.mark.parametrize("order", permutations(["a.0", "a.1", "b.0", "b.1"]))
+@pytest.mark.parametrize("order", list(permutations(["a.0", "a.1", "b.0", "b.1"])))
 def test_every_limit_has_its_numbers_once_for_all_scenarios(order) -> None:
     """Whatever order limits and scenarios stand in: ends, and the weights that a soft one has."""
     limit = SimpleNamespace(lo=-1.0, hi=2.0, weight=3.0, linear=4.0, hard=False)

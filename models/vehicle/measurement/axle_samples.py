@@ -22,6 +22,9 @@ from slipctl.models.vehicle.wheels import taught_mean
 HOLD = 0.2
 """Seconds for which the last good value of an input stands for a bad one."""
 
+ASKS = 0.02
+"""Share of the largest torque up to which a demand is none."""
+
 NEVER = 1e3
 """A time in s that no limit is above: longer ones are not counted."""
 
@@ -225,7 +228,7 @@ class AxleSample:
             demand: torque in N m that is demanded of it.
         """
         s, k = self.s, self.k
-        held = all_hold([self.slides, alone, demand > 0.02 * s["T_max"],
+        held = all_hold([self.slides, alone, demand > ASKS * s["T_max"],
                          s["T_cmd"][k] < 0.9 * demand, s["ban"][k] <= 0])  # fmt: skip
         before = s["doubt"][k]
         runs_up = logic_or(logic_not(self.slides), logic_and(self.free, self.gain > RUNS_UP))

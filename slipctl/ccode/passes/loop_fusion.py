@@ -58,11 +58,11 @@ def _free(a: Node, b: Node, between: Sequence[Node], begins: Sequence[Node]) -> 
     first, second = body(a), body(b)
     if any(n.kind == "for" for line in (*first, *second) for n in line.walk()):
         return False
-    made_first, made_second = _targets(first), _targets([*second, *begins])
-    made_between, used = _targets(between), _used(second)
-    if made_first & made_second or made_between & (used | _used(begins)):
+    made_first, made_second = made_names(first), made_names([*second, *begins])
+    made_between, used = made_names(between), used_names(second)
+    if made_first & made_second or made_between & (used | used_names(begins)):
         return False
-    if made_second & (_used(between) | _used(first)) or made_first & _used(begins):
+    if made_second & (used_names(between) | used_names(first)) or made_first & used_names(begins):
         return False
     at_i = [n.base.text for line in second for n in line.walk() if _is_here(n)]
     others = [
@@ -83,7 +83,7 @@ def _count(lines: Iterable[Node], name: str) -> int:
     return sum(n.kind in ("name", "member") and n.text == name for x in lines for n in x.walk())
 
 
-def _targets(lines: Iterable[Node]) -> set[str]:
+def made_names(lines: Iterable[Node]) -> set[str]:
     """Names that statements give values to, or declare; ? where an address is passed on."""
     found = set[str]()
     for n in (n for line in lines for n in line.walk()):
@@ -95,7 +95,7 @@ def _targets(lines: Iterable[Node]) -> set[str]:
     return found
 
 
-def _used(lines: Iterable[Node]) -> set[str]:
+def used_names(lines: Iterable[Node]) -> set[str]:
     """Names in statements, of members with their struct."""
     found: set[str] = set()
     waiting = list(lines)

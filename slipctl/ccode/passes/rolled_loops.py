@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from slipctl.ccode.passes.lanes import in_lanes
-from slipctl.ccode.passes.loop_fusion import fuse_loops
+from slipctl.ccode.passes.loop_fusion import fuse_loops, made_names, used_names
 from slipctl.ccode.tree import nodes as c
 from slipctl.ccode.tree.graph import stem
 from slipctl.ccode.tree.nodes import Node
@@ -119,13 +119,11 @@ def _hoisted(lines: Sequence[Node], at: int) -> tuple[list[Node], int]:
     if not lines[at].constant:
         return list(lines), at
     shapes = Counter(_shape(line) for line in lines)
-    given = [to for line in here if (to := c.target(line)) is not None]
-    names = {(to.parts[0] if to.kind == "unary" else to.base).head.removeprefix("->")
-             for to in given}  # fmt: skip
+    made = made_names(here)
     ahead = [
         line for line in here[1:]
         if (own := line.constant) and shapes[_shape(line)] < LEAST
-        and not names & (line.words - {own})
+        and not made & (used_names([line]) - {own})
     ]  # fmt: skip
     rest = [line for line in here if line not in ahead]
     return [*lines[:at], *ahead, *rest, *lines[at + LONGEST :]], at + len(ahead)

@@ -178,9 +178,9 @@ class Question:
             return None
         if state not in loop.reals:  # its pushes hold more than any axle does
             return None
+        worst = self.runs(loop, self.within(n), self._bounds(n)).worst
         for side in (1, -1) if self.stays[state].both else (1,):
-            runs = self.runs(loop, self.within(n), self._bounds(n))
-            far, starts, signs = runs.worst[state, side]
+            far, starts, signs = worst[state, side]
             if is_beyond(side * far, float(limit)):
                 return run_entries(starts, signs)
         return None

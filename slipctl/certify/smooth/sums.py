@@ -144,8 +144,8 @@ class _Search:
         ticks, n = self._ticks(A), self.n
         sources = np.hstack([self.B, np.eye(n)])
         sums, most, now = np.zeros_like(sources), np.zeros_like(sources), sources
-        block, jump = _powers(A)
-        flat = block.reshape(BLOCK * n, n)
+        powers = powers_of(A, BLOCK + 1)
+        flat, jump = powers[:-1].reshape(BLOCK * n, n), powers[-1]
         for _ in range(math.ceil(ticks / BLOCK)):
             part = np.abs(flat @ now).reshape(BLOCK, n, -1)
             sums += part.sum(axis=0)
@@ -157,8 +157,8 @@ class _Search:
     def _middle(self, A: np.ndarray, m: np.ndarray) -> np.ndarray:
         """max_t |sum_(s < t) A^s m|."""
         total, now, most = np.zeros(self.n), m.copy(), np.zeros(self.n)
-        block, jump = _powers(A)
-        summed = block.cumsum(axis=0)
+        powers = powers_of(A, BLOCK + 1)
+        summed, jump = powers[:-1].cumsum(axis=0), powers[-1]
         for _ in range(math.ceil(min(self._ticks(A), 20_000) / BLOCK)):
             part = total + summed @ now
             most = np.maximum(most, np.abs(part).max(axis=0))
@@ -254,13 +254,13 @@ class _Search:
         }  # fmt: skip
 
 
-def _powers(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A^0 to A^(BLOCK - 1), and A^BLOCK."""
-    block = np.empty((BLOCK, *A.shape))
-    block[0] = np.eye(len(A))
-    for k in range(1, BLOCK):
-        block[k] = A @ block[k - 1]
-    return block, A @ block[-1]
+def powers_of(A: np.ndarray, many: int) -> np.ndarray:
+    """A^0, A^1, ..., so many of them."""
+    found = np.empty((many, *A.shape))
+    found[0] = np.eye(len(A))
+    for k in range(1, many):
+        found[k] = A @ found[k - 1]
+    return found
 
 
 def _whole(matrix: np.ndarray) -> list[list[Any]]:

@@ -26,7 +26,7 @@ import numpy as np
 
 from slipctl.certify.entries import DoesNotHold, rational, read_mapping, rows, whole
 from slipctl.certify.smooth.sampled_loop import Cell, SampledLoop, decimals, remainders
-from slipctl.certify.smooth.sums import Bounds, NoProof, _Search, read_linear
+from slipctl.certify.smooth.sums import Bounds, NoProof, _Search, powers_of, read_linear
 from slipctl.certify.smooth.sums_check import GRID
 
 STRETCHES = 12
@@ -69,10 +69,7 @@ def find_tube(
     search = _Search(loop, cell, bounds, stable=False)
     A, B, n = search.at_rest, search.B, search.n
     ends = stretches(ticks)
-    powers = np.empty((ticks + 1, n, n))
-    powers[0] = np.eye(n)
-    for t in range(ticks):
-        powers[t + 1] = A @ powers[t]
+    powers = powers_of(A, ticks + 1)
     if not np.isfinite(powers).all() or np.abs(powers).max() > 1e12:
         raise NoProof("the linear loop grows too fast for so many ticks")
     size = np.abs(powers)

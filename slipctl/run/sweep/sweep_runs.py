@@ -100,16 +100,17 @@ def sweep(
     )  # fmt: skip
     told = _agreed(run, plan, seed, design, about)
     with sweep_store.begin(Path(out), told, mixed=mixed) as kept:
-        _run_missing(run, plan, kept, told, (scheduler, mixed, jobs), progress)
+        _run_missing(
+            run, plan, kept, told, scheduler=scheduler, mixed=mixed, jobs=jobs, progress=progress
+        )
     return open_sweep(out)
 
 
 def _run_missing(
-    run: Measured, plan: Plan, kept: Store, told: Mapping[str, Any],
-    by: tuple[str, bool, int | None], progress: Callable[[float], None] | None,
+    run: Measured, plan: Plan, kept: Store, told: Mapping[str, Any], *, scheduler: str, mixed: bool,
+    jobs: int | None, progress: Callable[[float], None] | None,
 ) -> None:  # fmt: skip
-    """Roll what a store has not; ``by`` are scheduler, mixed and jobs of :func:`sweep`."""
-    scheduler, mixed, jobs = by
+    """Roll what a store has not; the rest as of :func:`sweep`."""
     done = kept.done()
     missing = (k for k in range(plan.size) if k not in done)
     total, ended = max(plan.size - sum(k < plan.size for k in done), 1), 0
