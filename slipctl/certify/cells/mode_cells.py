@@ -334,20 +334,25 @@ def _joined(a: Any, b: Any) -> Any:
 
 def places_in_ranges(low: np.ndarray, high: np.ndarray, count: Sequence[int]) -> np.ndarray:
     """Places of all cells from the first to the last one along each axis, by row."""
-    span = high - low + 1
-    if span.astype(float).prod(axis=1).sum() > math.prod(count):  # many share their cells
-        return np.flatnonzero(_cover(low, high, count))
+    if not len(low):
+        return np.zeros(0, np.int64)
+    span, first = high - low + 1, low.min(axis=0)
+    box = high.max(axis=0) + 1 - first
+    if span.astype(float).prod(axis=1).sum() > box.astype(float).prod():  # many share their cells
+        inner = np.unravel_index(np.flatnonzero(_cover(low - first, high - first, box)), box)
+        at = tuple(i + b for i, b in zip(inner, first, strict=True))
+        return np.ravel_multi_index(at, tuple(count)).astype(np.int64)
     strides = np.array([math.prod(count[k + 1 :]) for k in range(len(count))], np.int64)
     base = low @ strides
-    many, found = np.max(span, axis=0, initial=0) + 1, []
+    many, found = span.max(axis=0) + 1, []
     shapes, of = _distinct(np.ravel_multi_index(span.T, many))
     for k, shape in enumerate(zip(*np.unravel_index(shapes, many), strict=True)):
         offsets = sum(np.ix_(*(np.arange(n) * s for n, s in zip(shape, strides, strict=True))))
         found.append((base[of == k, None] + np.ravel(offsets)).reshape(-1))
-    return np.concatenate(found) if found else base
+    return np.concatenate(found)
 
 
-def _cover(low: np.ndarray, high: np.ndarray, count: Sequence[int]) -> np.ndarray:
+def _cover(low: np.ndarray, high: np.ndarray, count: np.ndarray) -> np.ndarray:
     """How many rows cover each cell, summed up from the corners of their ranges."""
     total = np.zeros([c + 1 for c in count], np.int32)
     for at, sign in _corners(low, high):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
@@ -232,14 +233,26 @@ def replay_run(
     total = sum(count for count, _ in pushes)
     if total > min(MOST_RUN, most or MOST_RUN):
         raise DoesNotHold(f"run: it has more than {min(MOST_RUN, most or MOST_RUN)} ticks")
-    digits = DIGITS + total // 4  # an interval widens from tick to tick
+    run = rows(given["start"], "run.start", many, many), pushes
+    for digits in (DIGITS, DIGITS + total // 16):  # an interval widens from tick to tick
+        with suppress(DoesNotHold, ArithmeticError):
+            return _replayed(loop, run, (state, low, high), digits)
+    return _replayed(loop, run, (state, low, high), DIGITS + total // 4)
+
+
+def _replayed(
+    loop: ModeLoop, run: tuple[Sequence[Any], Sequence[tuple[int, Sequence[Any]]]],
+    wanted: tuple[str, Fraction | None, Fraction | None], digits: int,
+) -> tuple[int, Fraction]:  # fmt: skip
+    """``replay_run`` with decimals of so many digits."""
+    (starts, pushes), (state, low, high) = run, wanted
 
     def chosen(ends: Sequence[tuple[Fraction, Fraction]], signs: Sequence[Any]) -> list[Interval]:
         return [Interval.of(b if whole(sign, "run", -1, 1) > 0 else a, digits)
                 for (a, b), sign in zip(ends, signs, strict=True)]  # fmt: skip
 
-    begun = chosen(loop.start, rows(given["start"], "run.start", many, many))
-    values = dict(zip(loop.reals, begun, strict=True))
+    least, most = (None if end is None else Interval.of(end, digits) for end in (low, high))
+    values = dict(zip(loop.reals, chosen(loop.start, starts), strict=True))
     values |= {name: Interval.of(mode, digits)
                for name, mode in zip(loop.modes, loop.begins, strict=True)}  # fmt: skip
     ticks, steps = 0, ((count, chosen(list(loop.push.values()), signs)) for count, signs in pushes)
@@ -250,9 +263,8 @@ def replay_run(
             values = loop.code.run({**{f"x_{k}": v for k, v in values.items()}, **pushed})
         if any(not values[m].decided() for m in loop.modes):
             raise DoesNotHold("run: a condition is too near to tell")
-        below, above = values[state].ends()
-        if high is not None and below > high:
-            return ticks, below
-        if low is not None and above < low:
-            return ticks, above
+        if most is not None and values[state].low > most.high:
+            return ticks, Fraction(values[state].low)
+        if least is not None and values[state].high < least.low:
+            return ticks, Fraction(values[state].high)
     raise DoesNotHold(f"run: {state} is not shown to exceed its bound")
