@@ -7,6 +7,7 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; tests run beside each other
 
 import gc
+import logging
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -112,6 +113,16 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     yield
     if before is None:
         del os.environ["SLIPCTL_CACHE"]
+
+
+@pytest.fixture(autouse=True)
+def _own_messages() -> Iterator[None]:
+    """A command that a test runs in this process sends messages elsewhere: not those after it."""
+    log = logging.getLogger("slipctl")
+    before = log.level, log.propagate, log.handlers[:]
+    yield
+    log.setLevel(before[0])
+    _, log.propagate, log.handlers[:] = before
 
 
 @pytest.fixture

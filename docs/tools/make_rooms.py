@@ -13,6 +13,7 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 
 from made import made
@@ -113,9 +114,11 @@ def circles() -> list[list[str]]:
     return sorted([m, *sorted(targets & graph.keys())] for m, targets in graph.items())
 
 
-def named(path: Path) -> set[str]:
+@cache
+def named(path: Path) -> frozenset[str]:
     """What a file imports where it runs, each also as a module of that name."""
-    found, nodes = set(), [ast.parse(path.read_text(encoding="utf-8")).body]
+    nodes: list[list[ast.AST]] = [[*ast.parse(path.read_text(encoding="utf-8")).body]]
+    found: set[str] = set()
     while nodes:
         for node in nodes.pop():
             if isinstance(node, ast.ImportFrom) and node.module:
@@ -127,7 +130,7 @@ def named(path: Path) -> set[str]:
                 nodes.append(list(ast.iter_child_nodes(node)))
             elif not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)):
                 nodes.append(list(ast.iter_child_nodes(node)))
-    return found
+    return frozenset(found)
 
 
 def exported() -> Mapping[str, str]:

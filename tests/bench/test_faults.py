@@ -75,7 +75,9 @@ SHORT = {
 """A controller of each system, and inputs that are measured."""
 
 
-@pytest.mark.parametrize("name", SHORT)
+@pytest.mark.parametrize("name", [
+    pytest.param(n, marks=pytest.mark.long) if n.startswith("hst") else n for n in SHORT
+])  # fmt: skip
 def test_missing_samples_do_no_harm_to_any_system(name, tmp_path):
     """One tick and ten, at one instant; all the others are in ``bench.faults``."""
     _, loop, part, scenario = next(faults.controllers([name]))
@@ -474,8 +476,12 @@ CURED = {
 """Inputs that were wrong for 100 ticks: a range tells noise, rate and other inputs apart; refused
 ticks count for slow parts; an integral stands while the command is at an end."""
 
+SLOW = ("hst_traction:asmc_limited", "predictive:nmpc")
 
-@pytest.mark.parametrize("name", CURED)
+
+@pytest.mark.parametrize("name", [
+    pytest.param(n, marks=pytest.mark.long) if n in SLOW else n for n in CURED
+])  # fmt: skip
 def test_a_hundred_wrong_ticks_do_no_harm(name, tmp_path):
     signal, kinds, at = CURED[name]
     _, loop, part, scenario = next(faults.controllers([name]))

@@ -313,7 +313,8 @@ def test_held_step_is_a_branch_and_calls_only_what_must_be_called(tmp_path: Path
     pytest.param(lambda b: replicate(b, 3, ["u"]), marks=pytest.mark.long),
     pytest.param(lambda b: gated(b), marks=pytest.mark.long),
     lambda b: replicate(every(b, 2), 2),
-    lambda b: connect("two", {"a.u": "u", "b.u": "a.linear", "y": "b.root"}, a=b, b=b),
+    pytest.param(lambda b: connect("two", {"a.u": "u", "b.u": "a.linear", "y": "b.root"}, a=b, b=b),
+                 marks=pytest.mark.long),
 ])  # fmt: skip
 def test_a_part_with_solvers_runs_wherever_it_stands(around: Any, tmp_path: Path) -> None:
     """Copies, at times, behind itself: CasADi's text is that of this part alone, to the bit."""

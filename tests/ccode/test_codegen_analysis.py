@@ -80,7 +80,7 @@ def test_solvers_keep_required_rules_too(name: str) -> None:
     assert said["passed"], said["cppcheck"]
 
 
-@pytest.mark.second
+@pytest.mark.long
 @needs_cppcheck
 def test_a_broken_rule_is_told(tmp_path: Path) -> None:
     codegen.c_module(guarded, tmp_path)

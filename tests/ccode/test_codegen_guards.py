@@ -563,7 +563,7 @@ def test_every_call_of_mathematics_has_a_float_form(tmp_path: Path) -> None:
 
 
 @pytest.mark.second
-@pytest.mark.parametrize("name", ["subway", "rls"])
+@pytest.mark.parametrize("name", [pytest.param("subway", marks=pytest.mark.long), "rls"])
 def test_float_agrees_within_its_arithmetic(name: str, tmp_path: Path) -> None:
     block = BLOCKS[name]()
     report = codegen.export(block, tmp_path, check=True, real="float").data

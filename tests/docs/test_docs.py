@@ -54,9 +54,9 @@ def run_page(page: Path, folder: Path, python: str = sys.executable) -> None:
 
 LONG = (
     "gallery.md", "predictive.md",
-    "certify.md", "laws.md", "leaf_fall.md", "nmpc.md", "own_controller.md", "own_proof.md",
-    "own_slide_protection.md", "replay.md", "start.md", "sweeps.md", "theory.md", "trials.md",
-    "tune.md",
+    "all_rails.md", "certify.md", "laws.md", "leaf_fall.md", "nmpc.md", "own_controller.md",
+    "own_figures.md", "own_proof.md", "own_slide_protection.md", "replay.md", "start.md",
+    "sweeps.md", "theory.md", "trials.md", "tune.md",
 )  # fmt: skip
 """Pages of pictures alone, which the build of the site draws, and whose code takes 5 s and more."""
 

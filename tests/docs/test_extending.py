@@ -23,10 +23,10 @@ def extended(tmp_path_factory):
     """A copy of the package with all that the page adds; its tests stand beside it."""
     place = tmp_path_factory.mktemp("extended")
     package = place / "package"
-    skip = shutil.ignore_patterns("__pycache__", "pages")
-    shutil.copytree(ROOT / "slipctl", package / "slipctl", ignore=skip)
+    pages = shutil.ignore_patterns("pages")
+    shutil.copytree(ROOT / "slipctl", package / "slipctl", ignore=pages)
     for room, home in HOMES.items():
-        shutil.copytree(ROOT / room, package / home, ignore=skip)
+        shutil.copytree(ROOT / room, package / home)
     for name, text in re.findall(r"^`([\w/.]+)`:\n\n```python\n(.*?)^```$", PAGE, re.M | re.S):
         room, _, rest = name.partition("/")
         file = place / name if room == "tests" else package / HOMES.get(room, room) / rest

@@ -62,6 +62,7 @@ def test_a_stop_in_leaves_is_told_beside_the_same_on_clean_rail():
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_the_clean_rail_takes_nothing_from_the_wheels():
     """Without its layer a trip ends where one with a layer as good as clean does."""
     asked = study(TRIP)
@@ -96,6 +97,7 @@ def test_a_limit_of_what_no_run_tells_is_refused(limits, says):
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_a_limit_beside_clean_rail_is_judged_where_there_is_one():
     from slipctl.study.report.texts import values_beyond_limit
 

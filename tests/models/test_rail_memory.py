@@ -187,7 +187,8 @@ CREEPING = blended_law(falling_creep.with_params(v_0=SMOOTH * 10, **LEAVES),
 @pytest.mark.second
 @pytest.mark.parametrize(
     ("cars", "slip", "tau", "stop"),
-    [(2, (0.10,) * 8, 1e-4, 698.838), (2, "greedy", 1e-4, 755.894),
+    [(2, (0.10,) * 8, 1e-4, 698.838),
+     pytest.param(2, "greedy", 1e-4, 755.894, marks=pytest.mark.long),
      (1, (0.25, 0.20, 0.10, 0.05), 1.8e-4, 666.706)],
     ids=["G1", "G2", "G3"],
 )  # fmt: skip

@@ -47,7 +47,7 @@ def test_the_brakes_are_full_before_the_leaves_and_the_train_is_slower_there():
     assert 25**2 / 2 - full < begin.speed**2 / 2 < 25**2 / 2 - 0.3 * full
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_without_leaves_the_bound_is_the_closed_form():
     """dz/dx = -(a + 2 d z) with z = v^2/2, so x = ln(1 + 2 d z_0/a)/(2 d)."""
     clean = trip()
