@@ -45,11 +45,12 @@ def make_panel(
     varied = {loop: float(np.abs(np.diff(logs[loop][name].values, axis=0)).sum())
               for loop, name in found.items()}  # fmt: skip
     most = max(varied.values()) or 1.0
-    curves = {loop: samples(logs[loop], name, span, axle) for loop, name in found.items()}
+    worked = results.study.signals.axles
+    curves = {loop: samples(logs[loop], name, span, axle, worked) for loop, name in found.items()}
     loop, name = next(iter(found.items()))
     signal, rough = logs[loop][name], {n: v / most for n, v in varied.items()}
     unit = str(signal.attrs.get("units", "1"))
-    every = {loop: each_axle(logs[loop], name, span) for loop, name in found.items()}
+    every = {loop: each_axle(logs[loop], name, span, worked) for loop, name in found.items()}
     axles = {loop: a for loop, a in every.items() if a is not None}
     text = short_meaning(signal, name)
     if text.startswith("signal with"):  # it only says how it was made
@@ -72,30 +73,44 @@ def logged_name(results: Results, log: Any, wanted: str) -> str | None:
 
 
 def samples(
-    log: Any, name: str, span: tuple[float, float] | None, axle: int | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+    log: Any, name: str, span: tuple[float, float] | None, axle: int | None = None,
+    worked: Sequence[int] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Times in s and values of a signal, in the unit in which it is drawn.
 
     Args:
         log: of a run. name: of the signal. span: times in s from and to which.
         axle: the one that is shown, from 0 on, where each has its own; None shows the worst one.
+        worked: axles of signals that only these have; of the others they are not numbers.
     """
     t, y = log["time"].values, np.asarray(log[name].values)
     if y.ndim > 1:
-        y = y.reshape(len(t), -1)
-        y = worst(y) if axle is None else y[:, min(axle, y.shape[1] - 1)]
+        y = worst(y.reshape(len(t), -1)) if axle is None else _of_axles(log, name, worked)
+        y = y if axle is None else y[:, min(axle, y.shape[1] - 1)]
     if span is not None:
         inside = (t >= span[0] - 1e-9) & (t <= span[1] + 1e-9)
         t, y = t[inside], y[inside]
     return t, display_scale(str(log[name].attrs.get("units", "1")))[0] * y
 
 
-def each_axle(log: Any, name: str, span: tuple[float, float] | None) -> np.ndarray | None:
+def _of_axles(log: Any, name: str, worked: Sequence[int] | None) -> np.ndarray:
+    """A column for each axle; one that is not a number where only others have the signal."""
+    y = np.asarray(log[name].values).reshape(log.sizes["time"], -1)
+    if worked is None or y.shape[1] != len(worked) or log[name].ndim < 2:
+        return y
+    every = np.full((len(y), max(log.sizes.get("axle", 0), *(k + 1 for k in worked))), np.nan)
+    every[:, list(worked)] = y
+    return every
+
+
+def each_axle(
+    log: Any, name: str, span: tuple[float, float] | None, worked: Sequence[int] | None = None
+) -> np.ndarray | None:
     """The same of all axles, a column for each; None where there are no several."""
-    many = int(np.prod(log[name].shape[1:], dtype=int))
+    many = _of_axles(log, name, worked).shape[1]
     if many < 2:
         return None
-    return np.stack([samples(log, name, span, k)[1] for k in range(many)], axis=1)
+    return np.stack([samples(log, name, span, k, worked)[1] for k in range(many)], axis=1)
 
 
 def chosen_axle(results: Results, logs: Mapping[str, Any], wanted: Sequence[Any]) -> int | None:
@@ -111,8 +126,8 @@ def chosen_axle(results: Results, logs: Mapping[str, Any], wanted: Sequence[Any]
     for log in logs.values():
         name = logged_name(results, log, "slip") or many[0]
         if name in log:
-            each = np.abs(np.asarray(log[name].values).reshape(log.sizes["time"], -1)).max(axis=0)
-            for k, v in enumerate(each):
+            each = np.abs(_of_axles(log, name, results.study.signals.axles)).max(axis=0)
+            for k, v in enumerate(np.nan_to_num(each)):
                 largest[k] = max(largest.get(k, 0.0), round(float(v), 9))
     return max(largest, key=lambda k: (largest[k], -k)) if largest else 0
 

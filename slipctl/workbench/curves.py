@@ -78,10 +78,11 @@ def curves_of_run(run: Run, known: Mapping[str, Known] | None = None) -> Curves:
     return Curves(run.time, panels, list(zip(starts, run.rows, strict=False)), behind)
 
 
-def _columns(values: np.ndarray, scale: float, name: str, looks: str) -> Iterator[Series]:
-    one = values.shape[1] == 1
-    for k in range(values.shape[1]):
-        yield Series(name, 0 if one else k + 1, looks if one else "axle", scale * values[:, k])
+def _columns(run: Run, values: np.ndarray, scale: float, name: str, looks: str) -> Iterator[Series]:
+    one, worked = values.shape[1] == 1, run.signals.axles or ()
+    axles = worked if len(worked) == values.shape[1] else range(values.shape[1])
+    for k, axle in enumerate(axles):
+        yield Series(name, 0 if one else axle + 1, looks if one else "axle", scale * values[:, k])
 
 
 def _speeds(run: Run) -> Panel | None:
@@ -97,7 +98,7 @@ def _speeds(run: Run) -> Panel | None:
     elif run.unit("wheel_speed") == "m/s":
         rim = run.each("wheel_speed")
     if rim is not None:
-        panel.series.extend(_columns(rim, KMH, "rim", "main"))
+        panel.series.extend(_columns(run, rim, KMH, "rim", "main"))
     return panel
 
 
@@ -120,7 +121,7 @@ def _pairs(run: Run) -> Iterator[Panel]:
             if values is not None:
                 signed = values * (run.slip_sign if name == "slip" else _side(role, values))
                 many = values.shape[1] > 1
-                made = _columns(signed, scale, what, looks)
+                made = _columns(run, signed, scale, what, looks)
                 panel.series.extend(
                     Series(s.name, s.axle, looks if many and looks != "main" else s.looks, s.values)
                     for s in made
@@ -134,7 +135,8 @@ def _valves(run: Run) -> Panel | None:
     if hold is None or vent is None:
         return None
     does = np.where(vent > 0.5, -1.0, np.where(hold > 0.5, 0.0, 1.0))
-    return Panel("valves, 1 fill, 0 hold, -1 vent", "1", list(_columns(does, 1.0, "valve", "main")))
+    made = _columns(run, does, 1.0, "valve", "main")
+    return Panel("valves, 1 fill, 0 hold, -1 vent", "1", list(made))
 
 
 def _side(role: str, values: np.ndarray) -> int:

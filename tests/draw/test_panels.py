@@ -60,6 +60,22 @@ def test_samples_are_those_of_the_axle_in_the_span(axle, span) -> None:
     assert panels.each_axle(log(car_T=(TIME[:, None], "N m")), "car.T", span) is None
 
 
+def test_a_signal_of_the_driven_axles_is_shown_at_their_places() -> None:
+    """Axles 2 and 3 of three have a torque: the first one only rolls, and has none."""
+    torque = np.stack([10 * TIME, 20 * TIME], axis=1)
+    run = log(car_slip=(SLIPS, "m/s")).assign({"car.T": (("time", "two"), torque, {"units": "m"})})
+    asked = results(slip="car.slip", axles=(1, 2))
+    assert panels.samples(run, "car.T", None, 2, (1, 2))[1] == pytest.approx(20 * TIME)
+    every = panels.each_axle(run, "car.T", None, (1, 2))
+    assert every is not None
+    assert np.isnan(every[:, 0]).all()
+    assert every[:, 1:] == pytest.approx(torque)
+    panel = panels.make_panel(asked, "base", {"a": run}, "car.T", None, 1)
+    assert panel.curves["a"][1] == pytest.approx(10 * TIME)
+    assert panels.each_axle(run, "car.slip", None, (1, 2)).shape == (4, 3)
+    assert panels.chosen_axle(results(axles=(1, 2)), {"a": run}, ["car.T"]) == 2
+
+
 def test_the_axle_that_slips_most_in_any_run_is_shown() -> None:
     """The first of those that slip alike; without a slip, the first signal of several axles."""
     one, two = log(car_slip=(SLIPS, "m/s")), log(car_slip=(SLIPS[:, [1, 0, 0]], "m/s"))

@@ -53,6 +53,14 @@ def test_a_release_that_its_limit_ended_is_told_once(log, said):
     assert list(wheels._ended_releases({"time": TIME} | log)) == said
 
 
+def test_columns_of_the_driven_axles_are_told_as_these():
+    """Slip control works axles 2 and 4 of four."""
+    log = {"time": TIME, "ctl.safe.released": rows(axles=[(), (5,)])}
+    (said,) = wheels._ended_releases(log, worked=(1, 3))
+    assert said.startswith("axle 4 was released for too long")
+    assert [wheels.axle_of_column((1, 3), k, 4) for k in range(4)] == [1, 2, 3, 4]
+
+
 def test_a_valve_counts_from_its_first_hold_to_its_last():
     below = np.array([0, 1, 1, 1, 1, 1, 1, 0, 1, 1], dtype=bool)[:, None]
     holds = np.array([1, 0, 1, 0, 0, 1, 0, 0, 1, 0], dtype=bool)[:, None]

@@ -412,7 +412,7 @@ def test_curves_are_in_the_units_that_a_person_reads() -> None:
     each = {n: np.array(v) for n, v in given.items()}
     units = {"slip": "m/s", "pressure": "Pa", "speed": "m/s"}
     run = SimpleNamespace(time=np.arange(3.0), changes=[], rows=["dry"], slip_sign=1, each=each.get,
-                          travelled=None,
+                          travelled=None, signals=Signals(axles=(0, 2)),
                           unit=lambda n: units.get(n, "1"))  # fmt: skip
     panels = {p.name: p for p in curves.curves_of_run(run).panels}
     shown = {(n, s.name, s.axle): list(s.values) for n, p in panels.items() for s in p.series}
@@ -422,6 +422,7 @@ def test_curves_are_in_the_units_that_a_person_reads() -> None:
     assert (panels["speed"].unit, panels["pressure"].unit) == ("km/h", "bar")
     valves = [v for (n, *_), v in shown.items() if n.startswith("valves")]
     assert valves == [[1.0, 0.0, 0.0], [0.0, -1.0, -1.0]]
+    assert [axle for n, _, axle in shown if n.startswith("valves")] == [1, 3]  # those with a brake
 
 
 def test_a_part_is_shown_with_the_first_line_of_what_it_is() -> None:

@@ -14,7 +14,13 @@ from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.block.units.unit_algebra import read_unit
 from slipctl.run.rail import Scenario
 from slipctl.run.scenario_inputs import rail_values
-from slipctl.run.warnings.wheels import columns, longest_span, watched_wheels
+from slipctl.run.warnings.wheels import (
+    axle_of_column,
+    columns,
+    longest_span,
+    watched_wheels,
+    worked_axles,
+)
 
 AWAY = 3.0
 """Deviations within which an honest estimate is: beyond one it is a third of the time."""
@@ -191,7 +197,8 @@ def _span(
     axle = int(np.argmax([b - a for a, b in spans]))
     a, b = spans[axle]
     what = n if len(s.truth) == 1 and text.isidentifier() else f"{n} for {text}"
-    where = f" of axle {axle + 1}" if len(spans) > 1 else ""
+    number = axle_of_column(worked_axles(loop), axle, len(spans)) if len(spans) > 1 else 0
+    where = f" of axle {number}" if number else ""
     unit = "" if s.unit == "1" else f" {s.unit}"
     last = max(b - 1, 0)
     numbers = (
@@ -200,7 +207,7 @@ def _span(
         f" {truth[last, axle]:.4g}{unit}, with a deviation of {sure[last, axle]:.2g}{unit}"
     )
     return b - a, EstimateOff(
-        _estimated(loop, s, text, n), (axle + 1) * (len(spans) > 1), float(time[a]),
+        _estimated(loop, s, text, n), number, float(time[a]),
         float(time[last]), b == len(time), numbers,
     )  # fmt: skip
 
@@ -296,7 +303,8 @@ def _limited(loop: Block, log: Values) -> Iterator[str]:
         share = active.mean(axis=0)
         axle = int(np.argmax(share))
         if share[axle] > MOST:
-            where = f" of axle {axle + 1}" if len(share) > 1 else ""
+            many = len(share)
+            where = f" of axle {axle_of_column(worked_axles(loop), axle, many)}" if many > 1 else ""
             size = f"{float(np.max(params[limit])):.4g} {loop.params[limit].unit}"
             yield f"{n}{where} is at its limit, {size}, for {100 * share[axle]:.0f} % of the run"
 

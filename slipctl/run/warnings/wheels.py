@@ -7,7 +7,7 @@ back. The speed that is estimated from the wheels errs by more than it allows fo
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -84,7 +84,8 @@ def wheel_warnings(loop: Block, scenario: Scenario, log: Values) -> list[str]:
     if np.asarray(log["time"]).size < 2:
         return []
     held = _held(loop, scenario, log)
-    ended = _ended_releases(log, "its safe output" if _is_driven(loop) else "the demand")
+    gets = "its safe output" if _is_driven(loop) else "the demand"
+    ended = _ended_releases(log, gets, worked_axles(loop))
     return [*held, *_rolls_back(log), *ended, *_wrong_speed(log), *_slides(loop, log)]
 
 
@@ -152,8 +153,19 @@ def _while_off(loop: Block, log: Values, spins: np.ndarray) -> str:
     return f"; it began below {off:g} m/s, where slip control is off: [control] off"
 
 
-def _of_axle(axle: Any, columns: np.ndarray) -> str:
-    return f" of axle {int(axle) + 1}" if columns.shape[1] > 1 else ""
+def _of_axle(column: Any, columns: np.ndarray, worked: Sequence[int] = ()) -> str:
+    many = columns.shape[1]
+    return f" of axle {axle_of_column(worked, column, many)}" if many > 1 else ""
+
+
+def axle_of_column(worked: Sequence[int], column: Any, many: int) -> int:
+    """Axle, from 1 on, of one of so many columns; as many as are worked are of these."""
+    return int(worked[column] if len(worked) == many else column) + 1
+
+
+def worked_axles(loop: Block) -> tuple[int, ...]:
+    """Axles, from 0 on, that slip control works; empty where these are all."""
+    return tuple(loop.parts["slip"].choices.get("axles", ())) if "slip" in loop.parts else ()
 
 
 def columns(values: Any) -> np.ndarray:
@@ -174,14 +186,14 @@ def _held(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
         return
     command = columns(command)
     demand, _, v = (np.asarray(log[n], dtype=float) for n in names)
-    carried = _carried(loop, scenario, log)
+    carried, worked = _carried(loop, scenario, log), worked_axles(loop)
     if carried is None:
         return
     params = loop.param_values()
     limit = np.min(params.get("T_max", np.inf))
     asked = np.minimum(demand, float(limit)).reshape(-1, 1)
-    if "slip" in loop.parts and "axles" in (choices := loop.parts["slip"].choices):
-        carried = carried[:, list(choices["axles"])]  # the others only roll
+    if worked:
+        carried = carried[:, list(worked)]  # the others only roll
     held = (command < BELOW * asked) & (asked <= BELOW * carried)
     held &= np.abs(v).reshape(-1, 1) > 0.1
     if valves:
@@ -193,8 +205,9 @@ def _held(loop: Block, scenario: Scenario, log: Values) -> Iterator[str]:
     if b - a < 2 or time[b - 1] - time[a] <= HELD:
         return
     yield (
-        f"{FIRST} the torque{_of_axle(axle, command)} below the demand from {time[a]:.4g} s to"
-        f" {time[b - 1]:.4g} s though the rail carries it: {command[a:b, axle].mean():.4g} N m for"
+        f"{FIRST} the torque{_of_axle(axle, command, worked)} below the demand from"
+        f" {time[a]:.4g} s to {time[b - 1]:.4g} s though the rail carries it:"
+        f" {command[a:b, axle].mean():.4g} N m for"
         f" {asked[a:b].mean():.4g} N m"
     )
 
@@ -265,7 +278,9 @@ def longest_span(true: np.ndarray) -> tuple[int, int]:
 # ---- a release that is too long ------------------------------------------------------------------
 
 
-def _ended_releases(log: Values, gets: str = "the demand") -> Iterator[str]:
+def _ended_releases(
+    log: Values, gets: str = "the demand", worked: Sequence[int] = ()
+) -> Iterator[str]:
     """Releases that their limit has ended, of an axle, of the train; and what it gets then."""
     train = np.zeros(np.asarray(log["time"]).size, dtype=bool)
     for name, (whose, key) in RELEASES.items():
@@ -277,9 +292,9 @@ def _ended_releases(log: Values, gets: str = "the demand") -> Iterator[str]:
         train = train | given.any(axis=1) if name == "ctl.trust.retry" else train
         for axle in np.flatnonzero(begins.any(axis=0)):
             times = np.asarray(log["time"])[begins[:, axle]]
+            whom = whose.format(axle_of_column(worked, axle, given.shape[1]))
             yield (
-                f"{whose.format(axle + 1)} was released for too long, and got {gets} at"
-                f" {times[0]:.4g} s"
+                f"{whom} was released for too long, and got {gets} at {times[0]:.4g} s"
                 + (f", {times.size} times" if times.size > 1 else "")
                 + f"; {key}"
             )

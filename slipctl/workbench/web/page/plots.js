@@ -44,7 +44,8 @@ export class Plots {
     if (!many || this.axle) {
       return panel.series.filter((/** @type {any} */ s) => !s.axle || s.axle === this.axle);
     }
-    return panel.series.filter((/** @type {any} */ s) => s.axle < 2 || s.looks === "axle");
+    return panel.series.filter((/** @type {any} */ s, /** @type {number} */ n) => s.looks === "axle" ||
+      panel.series.findIndex((/** @type {any} */ o) => o.name === s.name && o.looks === s.looks) === n);
   }
 
   /** @param {Curves} curves @param {number} share */
