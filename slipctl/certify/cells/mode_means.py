@@ -90,13 +90,20 @@ class MeanValues:
 
     def compared(self, operation: str, parts: Sequence[_Form], known: Any = None) -> Any:
         """Answer to a comparison, by row 0, 1 or both; ``known`` is that of the intervals."""
-        return _compared(operation, parts, self.half, known)
+        return _compared(operation, parts, self.half, self._each_row(known))
 
     def after(
         self, operation: str, parts: Sequence[_Form], args: Sequence[int], known: Any = None
     ) -> _Form:
         """Value of an operation that is no comparison; ``known`` is its interval."""
-        return _after(operation, parts, args, known)
+        return _after(operation, parts, args, self._each_row(known))
+
+    def _each_row(self, known: Any) -> Any:
+        """An interval in each row, of one that may be the same in all of them."""
+        many = self.half[0].low.size if self.half else 1
+        if known is None or known.low.size == many:
+            return known
+        return known.take(np.zeros(many, np.int64))
 
 
 def _compared(
@@ -143,14 +150,17 @@ def _after(operation: str, parts: Sequence[Any], args: Sequence[int], known: Any
 
 def _chosen(answer: Any, box: Any, middle: Any, slopes: dict[int, Any]) -> _Form:
     """What a condition chooses; where it is open there may be a jump, and slopes say nothing."""
-    open_ = answer.open_rows()
-    if open_.size:
-        kind, zero = type(box), answer * 0
-        middle = kind(middle.low.copy(), middle.high.copy())
-        middle.low[open_], middle.high[open_] = box.low[open_], box.high[open_]
-        for k, slope in slopes.items():
-            slopes[k] = kind(slope.low.copy(), slope.high.copy())
-            slopes[k].low[open_], slopes[k].high[open_] = zero.low[open_], zero.high[open_]
+    rows = answer.open_rows()
+    if rows.size:
+        is_open, zero = np.zeros(answer.low.shape, bool), answer * 0
+        is_open[rows] = True
+
+        def jumps(at: Any, else_: Any) -> Any:
+            return type(box)(np.where(is_open, at.low, else_.low),
+                             np.where(is_open, at.high, else_.high))  # fmt: skip
+
+        middle = jumps(box, middle)
+        slopes = {k: jumps(zero, slope) for k, slope in slopes.items()}
     return _Form(box, middle, slopes)
 
 

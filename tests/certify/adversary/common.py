@@ -222,6 +222,30 @@ def as_set(numbers: dict[str, float]) -> str:
 # ---- verdicts -----------------------------------------------------------------------------------
 
 
+def trial_of_cases(one: Callable[[int], tuple[str, str]], n: int, seed: int) -> Tally:
+    """What became of so many random cases.
+
+    Args:
+        one: gives of a seed the verdict on its case, and what is false of it; empty if nothing.
+            What breaks it is false of certify, too.
+        n: number of cases. seed: of the first.
+    """
+    tally = Tally()
+    for at in range(seed * 1_000_000, seed * 1_000_000 + n):
+        try:
+            verdict, false = one(at)
+        except Exception as error:  # of any kind
+            verdict, false = "BROKEN", f"seed {at}: {error!r}"
+        if verdict == "REFUSED":
+            tally.undecided_cases.append(verdict)
+        name = {"CERTIFIED": "certified", "REFUTED": "refuted"}.get(verdict, "undecided")
+        setattr(tally, name, getattr(tally, name) + 1)
+        if false:
+            kind = tally.false_refuted if verdict == "REFUTED" else tally.false_certified
+            kind.append(false)
+    return tally
+
+
 def trial(adversary: Adversary, n: int, seed: int, every: int = 1, effort: int = 4) -> Tally:
     """Make cases, ask for their verdicts, and hold the adversary against them.
 

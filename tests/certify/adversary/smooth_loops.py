@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from adversary.common import Tally
+from adversary.common import Tally, trial_of_cases
 
 TICK = 0.01
 
@@ -142,19 +142,11 @@ def _system(delay: int, within: bool, work: int) -> Any:
     return System("own", "PI", declared, {}, loop.targets(), loop.says_start(), loop=loop)
 
 
-def trial(n: int, seed: int, within: bool = False) -> Tally:
-    """What became of so many random loops."""
-    tally = Tally()
-    for i in range(n):
-        verdict, false = one(seed * 1_000_000 + i, within)
-        name = {"CERTIFIED": "certified", "REFUTED": "refuted"}.get(verdict, "undecided")
-        setattr(tally, name, getattr(tally, name) + 1)
-        if false:
-            kind = tally.false_refuted if verdict == "REFUTED" else tally.false_certified
-            kind.append(false)
-    return tally
+def trial(n: int, seed: int) -> Tally:
+    """What became of so many random loops, asked for ever."""
+    return trial_of_cases(lambda at: one(at, within=False), n, seed)
 
 
 def trial_of_tubes(n: int, seed: int) -> Tally:
     """The same for tubes."""
-    return trial(n, seed, within=True)
+    return trial_of_cases(lambda at: one(at, within=True), n, seed)

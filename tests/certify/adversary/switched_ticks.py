@@ -11,7 +11,7 @@ import random
 from fractions import Fraction
 from typing import Any
 
-from adversary.common import Tally
+from adversary.common import Tally, trial_of_cases
 
 
 def source(rng: random.Random) -> tuple[str, dict[str, float], dict[str, int]]:
@@ -130,12 +130,4 @@ def replayed(tick, reals, modes, numbers, run) -> float:
 
 def trial(n: int, seed: int) -> Tally:
     """What became of so many random machines."""
-    tally = Tally()
-    for i in range(n):
-        verdict, false = one(seed * 1_000_000 + i)
-        name = {"CERTIFIED": "certified", "REFUTED": "refuted"}.get(verdict, "undecided")
-        setattr(tally, name, getattr(tally, name) + 1)
-        if false:
-            kind = tally.false_refuted if verdict == "REFUTED" else tally.false_certified
-            kind.append(false)
-    return tally
+    return trial_of_cases(one, n, seed)

@@ -15,7 +15,7 @@ import random
 from fractions import Fraction
 from typing import Any
 
-from adversary.common import Tally
+from adversary.common import Tally, trial_of_cases
 
 PLAIN = ("{a}", "{a}", "{n}", "{f}", "({e} + {e})", "({e} - {e})", "{f}*{e}", "{e}/({f} + 3)",
          "min({e}, {f})", "max({e}, -{f})", "abs({e})", "clip({e}, -{f}, {f})", "sgn({e})/4",
@@ -290,14 +290,4 @@ def _leaves(tick, states, numbers, run, kind, band) -> bool:
 
 def trial(n: int, seed: int) -> Tally:
     """What became of so many random ticks; what is refused counts as undecided, and is told."""
-    tally = Tally()
-    for i in range(n):
-        verdict, false = one(seed * 1_000_000 + i)
-        if verdict == "REFUSED":
-            tally.undecided_cases.append(verdict)
-        name = {"CERTIFIED": "certified", "REFUTED": "refuted"}.get(verdict, "undecided")
-        setattr(tally, name, getattr(tally, name) + 1)
-        if false:
-            kind = tally.false_refuted if verdict == "REFUTED" else tally.false_certified
-            kind.append(false)
-    return tally
+    return trial_of_cases(one, n, seed)
