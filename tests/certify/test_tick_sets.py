@@ -14,7 +14,7 @@ from slipctl.certify import proofs
 from slipctl.certify.entries import DoesNotHold
 from slipctl.certify.smooth.sampled_loop import decimals
 from slipctl.certify.systems import CERTIFIED, INPUT, REFUTED, TARGET, Number, System, report
-from slipctl.certify.ticks.tick_sets import Loop, clip, root, sgn
+from slipctl.certify.ticks.tick_sets import Loop, clip, if_else, root, sgn
 from slipctl.certify.ticks.tick_source import _run_beside, code_of_tick
 from slipctl.errors import BadInput
 
@@ -141,6 +141,21 @@ def test_comparisons_and_literals_of_a_tick_are_what_python_does():
         asked(lambda n, x, d: {"x": abs(x["x"]) ** 2 / 4 - (-1 < x["x"] < 1) / 10}, W=F(0))
         == CERTIFIED
     )
+
+
+def test_a_value_that_is_the_same_over_all_cells_is_checked():
+    """A limit far outside makes constants of intervals, and a comparison asks for rows of them."""
+
+    def tick(n, x, d):
+        capped = min(max(x["u"], -0.7), 1e-3)
+        other = 1 if if_else(x["x"] > 0.25, x["x"], x["x"]) / 2 else clip(x["x"], -0.1, 0.3)
+        return {"x": 0.9 * sorted((capped, other))[0] + d["w"], "u": 0.9 * x["u"]}
+
+    loop = Loop(tick, {"x": "x0", "u": "u0"}, {"w": "W"}, {"x": "band"})
+    told = {"a": F(1), "x0": F(0), "u0": F(0), "W": F(0), "band": F(3, 10)}
+    payload = proofs.write(declared(loop), told)
+    assert payload["verdict"] == CERTIFIED
+    proofs.check(declared(loop), payload)
 
 
 COUNT = [0]
