@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import datetime
 import hashlib
+import inspect
 import json
 import os
 import sys
@@ -41,12 +42,14 @@ def block(name: str, n: int, seed: int) -> common.Tally:
     return common.trial(common.adversaries()[name], n, seed, every=10)
 
 
-def code() -> str:
-    """Sum over the code that decides and that attacks."""
-    root, found = Path(__file__).parents[3], hashlib.sha256()
-    for folder in (root / "slipctl" / "certify", Path(__file__).parent):
-        for path in sorted(folder.rglob("*.py")):
-            found.update(path.read_bytes())
+def code(name: str) -> str:
+    """Sum over the code that decides about a system and that attacks."""
+    root, here, found = Path(__file__).parents[3], Path(__file__).parent, hashlib.sha256()
+    attack = list(here.glob("*.py"))
+    if name in OTHERS:
+        attack = [here / "common.py", Path(inspect.getfile(OTHERS[name]))]
+    for path in (*sorted((root / "slipctl" / "certify").rglob("*.py")), *sorted(attack)):
+        found.update(path.read_bytes())
     return found.hexdigest()[:16]
 
 
@@ -88,10 +91,11 @@ def main() -> int:
     parser.add_argument("--out", type=Path)
     parser.add_argument("--more", action="store_true")
     options = parser.parse_args()
-    false, same = 0, {"seed": options.seed, "code": code()}
+    false = 0
     with ProcessPoolExecutor(options.jobs) as pool:
         for name in options.systems or known:
             start, tally, before = perf_counter(), common.Tally(), kept(options.out).get(name, {})
+            same = {"seed": options.seed, "code": code(name)}
             if options.more and same.items() <= before.items():
                 tally = common.Tally.of(before)
             jobs = [pool.submit(block, name, min(BLOCK, options.cases - at),

@@ -92,7 +92,8 @@ def one(seed: int, within: bool) -> tuple[str, str]:
         return proofs.certificate_entries(system, told, proofs.decide(system, told))
 
     payload = verdict(numbers)
-    proofs.check(system, payload)
+    if payload["verdict"] != "REFUTED" or seed % 10 == 0:  # the others are replayed below
+        proofs.check(system, payload)
     limit = float(numbers["band"])
     if payload["verdict"] == "CERTIFIED":
         worst = farthest(plain, states, ticks, seed + 1, 12)
