@@ -14,6 +14,7 @@ from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.block.units.unit_algebra import dimension_equal, factor, parse_quantity, unit
 from slipctl.errors import BadInput, check_known
 from slipctl.estimate.heads import python_name, read_heads
+from slipctl.estimate.samples import samples_of
 from slipctl.tables.columns import expression_of, identifier_of, unit_of_column
 from slipctl.tables.heads import is_unit
 from slipctl.tables.table import Table
@@ -173,7 +174,7 @@ class Columns(Mapping[str, np.ndarray]):
             self.units = {i: table.units[n] for i, n in self._names.items()}
             self.lines = list(table.lines)
             return
-        values = {python_name(n): np.asarray(v, dtype=float).ravel() for n, v in table.items()}
+        values = {python_name(n): samples_of(f"data: {n}", v).ravel() for n, v in table.items()}
         if not values or len({v.size for v in values.values()}) != 1:
             raise BadInput("data: give columns of one length, {'creep': [...], 'force': [...]}")
         for n, v in values.items():
