@@ -70,17 +70,19 @@ DATES = ("date", "datum", "day", "tag", "fecha", "data", "calendardate")
 
 def is_unit(text: str) -> bool:
     """Whether a text is a unit that is known; - is none at all."""
-    return bool(text) and not _why(text)
+    return bool(text) and not why_no_unit(text)
 
 
 def is_offset(text: str) -> bool:
     """Whether a text is a scale with an offset, such as degC."""
-    return "offset" in _why(text)
+    return "offset" in why_no_unit(text)
 
 
 @lru_cache(maxsize=1024)
-def _why(text: str) -> str:
-    """Why a text is no unit; empty where it is one."""
+def why_no_unit(text: str) -> str:
+    """Why a text is no unit; empty where it is one that somebody may mean in a head."""
+    if text in ("Mbar", "Mm", "Ms"):
+        return f"unit {text!r} is a million {text[1:]}; write {text[1:]}, or m{text[1:]}"
     try:
         unit(text)
     except BadInput as error:

@@ -132,10 +132,8 @@ class Table:
     def _judge(self, where: str, name: str, x: np.ndarray) -> None:
         """Tell of lone numbers; refuse an overflow, and a number that marks a missing one."""
         lone, over, marks = lone_values(x), overflows(x), marks_of_missing(x)
-        if over.size:
-            k = over[0]
-            raise BadInput(f"{where}: {x[k]:g} in {self.line} {self.lines[k]} follows {x[k - 1]:g}:"
-                           " the logger's number overflows; log it with more bits")  # fmt: skip
+        if time_in_name(name) and (x >= 0).all():
+            over = over[:0]  # a count of time without a sign begins anew: a further run
 
         def place(k: int) -> str:
             return f"{self.line} {self.lines[k]}"
@@ -145,6 +143,10 @@ class Table:
                 raise BadInput(f"{where}: {x[rows[0]]:g} ({first_of(list(rows), place)}) is far"
                                " beyond all other values; where it marks a missing value, empty"
                                " the cell")  # fmt: skip
+        if over.size:
+            k = over[0]
+            raise BadInput(f"{where}: {x[k]:g} in {self.line} {self.lines[k]} follows {x[k - 1]:g}:"
+                           " the logger's number overflows; log it with more bits")  # fmt: skip
         self.notes += [
             f"{name}: {x[first]:g} stands in {stop - first} rows from {place(first)} on, then it"
             " jumps; where nothing was measured, empty the cells"
@@ -246,7 +248,7 @@ def overflows(x: np.ndarray) -> np.ndarray:
     turns = ends & apart & (np.abs(np.abs(x[:-1]) - np.abs(x[1:])) < 50 * usual)
     low, top = np.minimum(x[:-1], x[1:]), np.maximum(x[:-1], x[1:])
     tops = np.min([np.abs(top - 2.0**k) for k in (8, 16, 24, 32)], axis=0)
-    turns |= (low >= 0) & (np.maximum(low, tops) < 50 * usual)
+    turns |= (low >= 0) & (low + tops < 10 * usual)
     turns &= steps > 1000 * usual
     return np.flatnonzero(turns) + 1 if usual > 0 else np.zeros(0, dtype=int)
 

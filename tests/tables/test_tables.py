@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -381,6 +382,12 @@ def test_a_count_without_a_sign_that_begins_anew_is_refused(tmp_path: Path, bits
     values = [(begin + step * k) % 2**bits for k in range(60)]
     with pytest.raises(BadInput, match="the logger's number overflows"):
         sampled(values, tmp_path / "log.csv").channel("v")
+    for code in (22.0, 2.0**bits - 1):  # two marks are told as such
+        text = [20.0 + k for k in range(40)]
+        text[5] = text[6] = 2.0**bits - 1
+        text[9] = code
+        with pytest.raises(BadInput, match="missing value") if bits > 8 else nullcontext():
+            sampled(text, tmp_path / "log.csv").channel("v")
     fine = [v + 0.3 * 2**bits for v in values]
     assert np.isfinite(sampled(fine, tmp_path / "log.csv").channel("v")).all()
 
@@ -396,3 +403,17 @@ def test_a_number_beside_a_unit_is_no_part_of_a_name(tmp_path: Path, head: str) 
     with pytest.raises(BadInput, match="cannot be read"):
         unit_of_column(table, "v", "", "m/s", [])
     assert unit_of_column(table, "v", "km/h", "m/s", []) == "km/h"
+
+
+def test_a_time_without_a_sign_that_begins_anew_is_a_further_run(tmp_path: Path) -> None:
+    lines = (f"{(65400 + 10 * k) % 65536};{k}" for k in range(40))
+    (tmp_path / "log.csv").write_text("time [ms];v\n" + "\n".join(lines), encoding="utf-8")
+    assert read_recording(tmp_path / "log.csv").begins == (14,)
+
+
+@pytest.mark.parametrize(("head", "wanted"), [("p [Mbar]", "Pa"), ("p [Mm]", "m"), ("p [Ms]", "s")])
+def test_a_million_bar_is_meant_by_nobody(tmp_path: Path, head: str, wanted: str) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text(f"t [s];{head}\n0;1\n1;2\n", encoding="utf-8")
+    with pytest.raises(BadInput, match="is a million"):
+        unit_of_column(read_table(file), "p", "", wanted, [])
