@@ -9,6 +9,7 @@ import sys
 import types
 import typing
 from collections.abc import Callable, Collection, Iterable, Mapping
+from copy import copy
 from dataclasses import fields
 from difflib import get_close_matches
 from numbers import Integral, Number, Rational, Real
@@ -37,6 +38,12 @@ class Faults(BadInput):
 
 class RunFailed(RuntimeError):
     """A run broke (NaN or infinity in a state); the command line exits with 1."""
+
+
+def kept(given: Mapping[str, Any]) -> dict[str, Any]:
+    """A mapping of its own, with arrays and lists of its own: changed later, it changes nothing."""
+    plain = given.items() if isinstance(given, dict) else ((n, given[n]) for n in given)
+    return {n: copy(v) if hasattr(v, "__array__") or isinstance(v, list) else v for n, v in plain}
 
 
 def nearest(name: str, candidates: Iterable[str]) -> str:
@@ -120,7 +127,7 @@ def check_positive(what: str, given: Any, unit: str = "1") -> None:
     Raises:
         BadInput: "what = given unit must be positive".
     """
-    check_number(what, given, unit)
+    check_number(what, "True" if given is True else given, unit)
     if not (math.isfinite(given) and given > 0):
         told = "" if unit == "1" else f" {unit}"
         raise BadInput(f"{what} = {given:g}{told} must be positive")
@@ -144,6 +151,7 @@ def check_whole(what: str, given: Any, least: int = 1, most: int | None = None) 
         BadInput: "what = given must be a whole number >= least".
     """
     whole = _is_real(given) and (isinstance(given, Integral) or float(given).is_integer())
+    whole = whole and not isinstance(given, bool)
     if not (whole and least <= given and (most is None or given <= most)):
         told = given if isinstance(given, Real) else value_text(given)
         wanted = f">= {least}" if most is None else f"in {least}..{most}"
@@ -326,7 +334,7 @@ def _is(value: Any, kind: Any) -> bool:
         return isinstance(value, Number)
     if kind is int:
         whole = isinstance(value, Integral) or (isinstance(value, float) and value.is_integer())
-        return whole and _is_real(value) and abs(value) < 2**63
+        return whole and not isinstance(value, bool) and _is_real(value) and abs(value) < 2**63
     if kind is bool:
         return isinstance(value, bool) or type(value).__name__ == "bool"
     if origin is collections.abc.Callable:

@@ -102,6 +102,8 @@ def _signals_seen(where: str, block: Block, measured: str | Sequence[str] | None
         raise BadInput(f"{where}: states, inputs and outputs must be scalars")
     seen = [measured] if isinstance(measured, str) else list(measured or block.outputs)
     check_all_known(f"{where} has no signal", seen, [*block.outputs, *block.states])
+    if len(set(seen)) < len(seen):
+        raise BadInput(f"{where}: measured names a signal twice; leave out one")
     if not seen:
         raise BadInput(f"{where}: give measured=, states or outputs of {block.name}")
     return seen

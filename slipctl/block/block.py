@@ -22,7 +22,7 @@ from slipctl.block.fields import ROLES, Body, Composition, LawData, Rebuild
 from slipctl.block.functions import Exprs, Functions
 from slipctl.block.signals import Signal
 from slipctl.block.text.named_expressions import evaluate, names_in
-from slipctl.errors import BadInput, check_all_known, check_known, nearest
+from slipctl.errors import BadInput, check_all_known, check_known, list_of_kind, nearest, value_text
 
 
 class Block(Functions):
@@ -45,6 +45,8 @@ class Block(Functions):
 
     def __getitem__(self, path: str) -> Block:
         """Return a part by its path, ``loop["plant.adh"]``."""
+        if not isinstance(path, str):
+            raise BadInput(f"{self.name} has parts by name, none by {value_text(path)}")
         if self.transparent:
             return next(iter(self.parts.values()))[path]
         head, _, rest = path.partition(".")
@@ -426,7 +428,14 @@ def make_block(
         **options: as of :class:`Block` (``period``, ``sx``, ...), and the fields of its
             :class:`LawData` and :class:`Composition` (``parts``, ``rebuild``, ...).
     """
-    return block_from(name, kind, body, [*states, *inputs, *params, *outputs], **options)
+    roles = {"state": states, "input": inputs, "param": params, "output": outputs}
+    signals = {
+        role: list_of_kind(f"{name}: its {role}s", given, Signal) for role, given in roles.items()
+    }
+    for role, given in signals.items():
+        if odd := [s for s in given if s.role != role]:
+            raise BadInput(f"{name}: {odd[0].name!r} is an {odd[0].role}, given among the {role}s")
+    return block_from(name, kind, body, [s for given in signals.values() for s in given], **options)
 
 
 def block_from(

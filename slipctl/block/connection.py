@@ -53,6 +53,7 @@ def connect(
             has another unit or range.
     """
     _check_given(name, wires, blocks)
+    wires = dict(wires)
     kind, period = _common_kind(name, blocks)
     given = read_shares(name, share)
     shares = bind(name, blocks, given)
@@ -113,6 +114,8 @@ def _check_given(name: str, wires: Mapping[str, str], blocks: Mapping[str, Block
         raise BadInput(f"{name}: wires name a source by destination, {{'car.T_b': 'ctl.T_b'}}")
     for b, block in blocks.items():
         as_block(f"{name}: {b}", block)
+        if not re.fullmatch(r"\w+", b):
+            raise BadInput(f"{name}: {b!r} is no name of a part; write letters, digits, _")
 
 
 class _Wiring(NamedTuple):

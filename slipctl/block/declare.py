@@ -9,7 +9,7 @@ from typing import Any
 
 from slipctl.block.block import Block, Exprs, block_from
 from slipctl.block.signals import Signal
-from slipctl.errors import BadInput, check_known, check_positive
+from slipctl.errors import BadInput, check_known, check_positive, value_text
 
 _SETTINGS = (
     "period", "units", "conditions", "closed_form", "coordinates", "readings", "expects",
@@ -28,7 +28,10 @@ def _decorate(kind: str, options: dict[str, Any]) -> Callable[[Callable[..., Any
             raise BadInput(f"@{kind}({k}=...) must be an Output(...)")
 
     def make(function: Callable[..., Any]) -> Block:
-        name = rest.pop("name", function.__name__)
+        if not (inspect.isfunction(function) or inspect.ismethod(function)):
+            raise BadInput(f"@{kind} stands above a function, not {value_text(function)}")
+        name = rest.get("name", function.__name__)
+        more = {k: v for k, v in rest.items() if k != "name"}
         declared: list[Signal] = []
         for k, parameter in inspect.signature(function).parameters.items():
             s = parameter.default
@@ -37,7 +40,7 @@ def _decorate(kind: str, options: dict[str, Any]) -> Callable[[Callable[..., Any
                     f"{name}: argument {k!r} needs a default State(...), Input(...) or Param(...)"
                 )
             declared.append(s.named(k))
-        check_conditions(name, rest.get("conditions") or {}, {s.name: s for s in declared})
+        check_conditions(name, more.get("conditions") or {}, {s.name: s for s in declared})
         declared += [s.named(k) for k, s in outputs.items()]
 
         def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
@@ -48,12 +51,13 @@ def _decorate(kind: str, options: dict[str, Any]) -> Callable[[Callable[..., Any
                 raise
             if kind == "law":
                 return {}, _as_dict(name, result, list(outputs))
-            if not (isinstance(result, tuple) and len(result) == 2):
+            pair = isinstance(result, tuple) and len(result) == 2
+            if not pair or not all(isinstance(half, Mapping) for half in result):
                 raise BadInput(f"{name} must return (dict of states, dict of outputs)")
             return dict(result[0]), dict(result[1])
 
         doc = inspect.getdoc(function) or ""
-        return block_from(name, kind, body, declared, doc=doc, **rest)
+        return block_from(name, kind, body, declared, doc=doc, **more)
 
     return make
 

@@ -177,6 +177,11 @@ class Fields:
                 raise BadInput(f"{name} declares {s.name!r} twice")
             seen.add(s.name)
             if not (self.parts or s.declared):
+                if not isinstance(s.name, str) or not re.fullmatch(r"[\w.]+", s.name):
+                    raise BadInput(
+                        f"{name}: {value_text(s.name)} is no name of a signal; write letters,"
+                        " digits, _, as in Input('m/s').named('v')"
+                    )
                 read_unit(f"{name}.{s.name}", s.unit)
             if s.role == "output" and s.name in self._signals["output"]:
                 raise BadInput(f"{name} declares the output {s.name!r} twice")

@@ -46,7 +46,10 @@ class Functions(Values):
                 raise BadInput(f"{self.name} does not return its {what} {name!r}")
         check_all_known(f"{self.name} returns an undeclared {what}", given, wanted)
         for name, value in given.items():
-            if value is None or isinstance(value, (str, Mapping)):
+            if value is None or isinstance(value, (str, Mapping)) or not (
+                isinstance(value, (list, tuple)) or hasattr(value, "shape")
+                or hasattr(value, "__float__")
+            ):  # fmt: skip
                 raise BadInput(
                     f"{self.name} returns {value!r} as {what} {name!r}; return an expression"
                 )
@@ -114,8 +117,30 @@ class Functions(Values):
         with collect_locals() as found:
             n, y = self.expr(*groups)
         out = [self.pack("state", n), self.pack("output", y)]
-        f = ca.Function(self._c_name(), [x, u, p], out, ["x", "u", "p"], ["n", "y"], {"cse": True})
+        ends = ["x", "u", "p"], ["n", "y"], {"cse": True}
+        f = self._made_of({**n, **y}, [x, u, p], out, *ends)
         return with_checked_locals(f, self.name, found) if self.sx and not self.parts else f
+
+    def _made_of(self, values: Exprs, *given: Any) -> ca.Function:
+        """Function of these expressions; refuses symbols that are none of the block's."""
+        try:
+            return ca.Function(self._c_name(), *given)
+        except (RuntimeError, NotImplementedError) as error:
+            kind = ca.SX if self.sx else ca.MX
+            for n, v in values.items():
+                if isinstance(v, (ca.SX, ca.MX)) and not isinstance(v, kind):
+                    raise BadInput(
+                        f"{self.name}: {n} is a {type(v).__name__}, its equations are in"
+                        f" {kind.__name__}"
+                    ) from error
+            own = {s.name() for v in given[0] for s in ca.symvar(v)}
+            for n, v in values.items():
+                free = [s.name() for s in ca.symvar(v)] if isinstance(v, kind) else []
+                if free := [s for s in free if s not in own]:
+                    raise BadInput(
+                        f"{self.name}: {n} has the symbol {free[0]}, which is no signal of its own"
+                    ) from error
+            raise
 
     def _c_name(self) -> str:
         return re.sub(r"_+", "_", self.name).strip("_")
@@ -152,7 +177,7 @@ class Functions(Values):
         letter = "d" if self.kind == "flow" else "n"
         results = [*(n[k] for k in self.states), *(y[k] for k in self.outputs)]
         out = self._io_names("state", letter) + self._io_names("output", "y")
-        f = ca.Function(self._c_name(), args, results, names, out)
+        f = self._made_of({**n, **y}, args, results, names, out)
         return with_checked_locals(f, self.name, found) if self.sx and not self.parts else f
 
     def jacobian(self, of: str, wrt: str | Iterable[str]) -> ca.Function:

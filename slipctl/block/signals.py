@@ -136,6 +136,7 @@ class Signal:
         if self.unit in KINDS:
             self._typed()
         for what, choice, choices in (
+            ("role", self.role, ("state", "input", "param", "output")),
             ("sign convention", self.positive, ("braking", "traction")),
             ("slip convention", self.per, ("speed", "ratio")),
         ):
@@ -169,6 +170,7 @@ class Signal:
         plain = isinstance(self.shape, tuple)
         if not plain or (self.shape and any(not isinstance(n, int) or n < 1 for n in self.shape)):
             raise BadInput(f"{where}: shape {self.shape} has an extent below 1; write (n,), (n, m)")
+        check_whole(f"{where}: elements of shape {self.shape}", math.prod(self.shape), 1, 10**7)
         if self.rising and (len(self.shape) != 1 or self.shape[0] < 2):
             raise BadInput(f"{where}: places of a table have a shape (n,), n at least 2")
         self._take_value(where)
@@ -179,6 +181,8 @@ class Signal:
         self.__dict__["size"] = math.prod(self.shape)
         if self.value is not None and not self.derived:
             self.finite(where, self.value)
+            if isinstance(self.value, (list, np.ndarray)):
+                self.__dict__["value"] = self.value.copy()  # whoever changes theirs later
 
     def _typed(self) -> None:
         """Make what is declared as ``int``, ``bool`` or ``enum`` a pure number with its range.
@@ -330,15 +334,11 @@ class Signal:
 
 
 def real_array(value: Any) -> np.ndarray:
-    """Return numbers as an array of floats; text and complex numbers are none.
-
-    Raises:
-        TypeError, ValueError: what is no real number.
-    """
+    """Return numbers as an array of floats; of text or complex numbers a TypeError, ValueError."""
     if hasattr(value, "full"):  # a CasADi number, always two-dimensional
         value = value.full() if value.numel() != 1 else float(value)
     array = np.asarray(value)
-    if array.dtype.kind in "USc":
+    if array.dtype.kind in "UScmM":
         raise TypeError(f"{value!r} is no real number")
     try:
         return array.astype(float)

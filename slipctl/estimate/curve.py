@@ -14,8 +14,9 @@ from slipctl.block.text.named_expressions import evaluate, names_in
 from slipctl.block.units.unit_algebra import dimension_equal, factor, parse_quantity, unit
 from slipctl.errors import BadInput, check_known
 from slipctl.estimate.heads import python_name, read_heads
-from slipctl.tables.columns import expression_of, identifier_of, unit_of_column
-from slipctl.tables.heads import is_unit
+from slipctl.estimate.samples import samples_of
+from slipctl.tables.columns import expression_of, identifier_of, turned_twice, unit_of_column
+from slipctl.tables.heads import is_unit, why_no_unit
 from slipctl.tables.table import Table
 
 
@@ -104,6 +105,11 @@ def points(
         check_known("columns has", n, signals)
     columns, told = _expressions(table, data, signals, columns)
     names, units = list(data.units), data.units
+    for expression in columns.values():
+        turned = {
+            k: unit(units[k]).scale for k in names_in(expression) if is_unit(units.get(k, ""))
+        }
+        told += turned_twice(f"{source}: {expression}", turned)
     given: dict[str, Any] = {n: float(v) for n, v in law.param_values().items()}
     given = {n: v for n, v in given.items() if n in known or law.params[n].derived}
     given |= {n: s.value for n, s in law.inputs.items() if s.value is not None} | dict(known)
@@ -126,6 +132,8 @@ def points(
             found[n] = np.broadcast_to(result.ravel(), many)
         elif n in units:
             u = units[n]
+            if u and (why := why_no_unit(u)):
+                raise BadInput(f"{source}: the column {n}: {why}")
             if u and not dimension_equal(u, s.unit):
                 raise BadInput(
                     f"{source}: the column {n} is in {u}, the law wants {s.unit}; give it in that,"
@@ -173,7 +181,7 @@ class Columns(Mapping[str, np.ndarray]):
             self.units = {i: table.units[n] for i, n in self._names.items()}
             self.lines = list(table.lines)
             return
-        values = {python_name(n): np.asarray(v, dtype=float).ravel() for n, v in table.items()}
+        values = {python_name(n): samples_of(f"data: {n}", v).ravel() for n, v in table.items()}
         if not values or len({v.size for v in values.values()}) != 1:
             raise BadInput("data: give columns of one length, {'creep': [...], 'force': [...]}")
         for n, v in values.items():

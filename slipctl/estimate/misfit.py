@@ -13,6 +13,7 @@ from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Input, Output
 from slipctl.errors import BadInput, check_known
 from slipctl.estimate.model import measured_output, output_function, unknown_parameters
+from slipctl.estimate.samples import samples_of
 
 SURE = 1.96
 """Standard deviations within which 95 of 100 normal numbers lie."""
@@ -56,7 +57,7 @@ def columns(
     found: dict[str, np.ndarray] = {}
     for name in ("time", *wanted):
         if name in data:
-            found[name] = np.asarray(getattr(data[name], "values", data[name]), dtype=float)
+            found[name] = samples_of(f"{where}: column {name}", data[name])
         elif name in law.inputs and law.inputs[name].value is not None:
             continue
         elif name != "time":

@@ -20,6 +20,7 @@ from slipctl.block.block import Block, Exprs, make_block
 from slipctl.block.signals import Input, Output, Param, Signal, State
 from slipctl.errors import BadInput, check_all_known, check_finite, check_known, check_positive
 from slipctl.estimate import model
+from slipctl.estimate.samples import samples_of
 
 WORST = 1e3
 """Relative deviation reported where the estimated curve has no peak at the given place."""
@@ -219,7 +220,8 @@ def peak_bound(
             raise BadInput(f"peak_bound({law.name}): samples lack {k} [{law.inputs[k].unit}]")
     names = [*law.inputs, *unknown]
     check_all_known(f"peak_bound({law.name}) has no", (*samples, *(spread or {})), names)
-    columns = [np.atleast_1d(np.asarray(samples[k], dtype=float)) for k in law.inputs]
+    where = f"peak_bound({law.name}): samples of"
+    columns = [np.atleast_1d(samples_of(f"{where} {k}", samples[k])) for k in law.inputs]
     if not all(np.isfinite(c).all() for c in columns):
         raise BadInput(f"peak_bound({law.name}): samples must be finite numbers")
     if len({c.shape for c in columns}) != 1 or columns[0].ndim != 1:

@@ -12,7 +12,7 @@ import numpy as np
 
 from slipctl.block.block import Block, as_block
 from slipctl.block.signals import total_size
-from slipctl.errors import BadInput, RunFailed, check_known, check_whole
+from slipctl.errors import BadInput, RunFailed, check_known, check_whole, value_text
 from slipctl.run import build
 from slipctl.run.logs.run_log import Log, Rows, log_columns
 from slipctl.run.numbers import Template, check_guards, template
@@ -90,6 +90,7 @@ class Prepared:
         log: Iterable[str] | None = None, every: int = 1, runs: int = 1,
     ) -> None:  # fmt: skip
         self.loop, self.scenario, self._every, self._runs = loop, scenario, every, runs
+        check_whole("prepare: runs", runs)
         self.ticks = _ticks(loop, scenario, every)
         self.compile = compile
         self._begun = loop_at_start(loop, scenario)
@@ -222,6 +223,8 @@ class Prepared:
 
         Where only numbers differ, it is made from one.
         """
+        if numbers is not None and not isinstance(numbers, Mapping):
+            raise BadInput(f"a run takes numbers by name, {{'k': 2.0}}, not {value_text(numbers)}")
         if not numbers:
             return self._begun, self._begun.param_values()
         key = tuple(numbers)

@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 
 from slipctl import registry
-from slipctl.errors import BadInput, check_kinds, check_number, check_whole, value_text
+from slipctl.errors import (
+    BadInput,
+    check_finite,
+    check_kinds,
+    check_number,
+    check_whole,
+    kept,
+    value_text,
+)
 
 Feed = float | Sequence[Any] | Callable[[np.ndarray], np.ndarray]
 """Value of an input: a number, steps ((time in s, value), ...), or a function of the times."""
@@ -35,6 +43,7 @@ class Section:
     def __post_init__(self) -> None:
         given = {k: v for k, v in vars(self).items() if k in ("condition", "values")}
         check_kinds("Section", Section, given)  # Rail looks at start and length
+        object.__setattr__(self, "values", kept(self.values))
 
 
 @dataclass(frozen=True)
@@ -110,6 +119,7 @@ class Rail:
 
     def at(self, where: float) -> Section:
         """Section in force at a time in s or a position in m."""
+        check_number("where on the rail", where)
         k = int(np.searchsorted(self.starts, where, side="right")) - 1
         return self.sections[max(k, 0)]
 
@@ -140,6 +150,10 @@ class End:
         check_kinds("End", End, vars(self))
         if (self.below is None) == (self.above is None):
             raise BadInput(f"the end by {self.signal} needs one of below= and above=")
+        level = self.above if self.below is None else self.below
+        check_finite(f"the end by {self.signal}: its level", level)
+        if self.below is not None and self.below < 0:
+            raise BadInput(f"the end by {self.signal}: no absolute value is below {self.below:g}")
         if not (math.isfinite(self.hold) and self.hold >= 0):
             raise BadInput(f"the end by {self.signal}: hold {self.hold:g} s must be 0 or positive")
 
@@ -196,6 +210,8 @@ class Scenario:
         if not (math.isfinite(self.noise) and self.noise >= 0):
             raise BadInput(f"scenario {self.name}: noise {self.noise:g} must be 0 or positive")
         check_kinds("Scenario", Scenario, vars(self))
+        for name in ("inputs", "start", "params"):
+            object.__setattr__(self, name, kept(getattr(self, name)))
 
     def _repr_html_(self) -> str:
         return registry.view(self, "html")

@@ -27,7 +27,7 @@ _CLOCK = re.compile(
 _DATES: dict[str, tuple[re.Pattern[str], tuple[str, ...]]] = {
     "year": (re.compile(r"(\d{4})([-/.])(\d{1,2})\2(\d{1,2})"), ("ymd",)),
     "dots": (re.compile(r"(\d{1,2})(\.)(\d{1,2})\.(\d{4}|\d{2})"), ("dmy",)),
-    "slashes": (re.compile(r"(\d{1,2})([-/])(\d{1,2})\2(\d{4}|\d{2})"), ("dmy", "mdy")),
+    "slashes": (re.compile(r"(\d{1,2})([-/])(\d{1,2})\2(\d{4}|\d{2})"), ("dmy", "mdy", "ymd")),
     "name": (re.compile(r"(\d{1,2})([-. ]+)([^\W\d_]{3,9})[-., ]+(\d{4}|\d{2})"), ("dmy",)),
     "name first": (re.compile(r"([^\W\d_]{3,9})([-. ]+)(\d{1,2}),? +(\d{4})"), ("mdy",)),
 }
@@ -71,6 +71,8 @@ def _day(text: str) -> dict[str, int] | None:
         found = {}
         for order in orders:
             parts = dict(zip(order, (match[1], match[3], match[4]), strict=True))
+            if len(parts["y"]) == 1:
+                continue
             year = int(parts["y"]) + (2000 if len(parts["y"]) == 2 else 0)
             month = (
                 parts["m"]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from slipctl.block.units.unit_algebra import read_unit, says_what_counts, unit
+from slipctl.block.units.unit_algebra import says_what_counts, unit
 from slipctl.errors import BadInput
-from slipctl.tables.heads import is_offset, is_unit, other_unit_in_name, unit_in_name
+from slipctl.tables.heads import is_offset, is_unit, other_unit_in_name, unit_in_name, why_no_unit
 from slipctl.tables.table import Table
 
 
@@ -83,6 +84,24 @@ def _edged(name: str) -> str:
     return left + re.escape(name) + right
 
 
+def turned_twice(text: str, scales: Mapping[str, float]) -> list[str]:
+    """A line on each number of an expression that turns a column which its unit has turned.
+
+    Args:
+        text: as a person typed it.
+        scales: by column, what has made its unit the SI one.
+    """
+    numbers = map(float, re.findall(r"(?<![\w.])\d+\.?\d*(?:[eE][+-]?\d+)?", text))
+    return [
+        f"{text}: {number:g} turns {column} a second time; leave it out where it is there for the"
+        " unit"
+        for number in numbers
+        for column, scale in scales.items()
+        if scale != 1.0
+        and any(math.isclose(number * s, 1, rel_tol=2e-3) for s in (scale, 1 / scale))
+    ]
+
+
 def unit_of_column(table: Table, column: str, told: str, wanted: str, notes: list[str]) -> str:
     """Unit of a column by the person, its head or its name; empty where nobody says one.
 
@@ -102,7 +121,7 @@ def unit_of_column(table: Table, column: str, told: str, wanted: str, notes: lis
         unit(told)
     if head and not is_unit(head):
         if not told or is_offset(head):
-            read_unit(where, head)
+            raise BadInput(f"{where}: {why_no_unit(head)}")
         notes.append(
             f"{column} is read in {told}, as --map says; the unit {head!r} in its head is not known"
         )

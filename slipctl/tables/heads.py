@@ -39,6 +39,12 @@ IN_NAMES = {
 }  # fmt: skip
 """Units within a name, such as speed_kmh."""
 
+AT_END = {
+    **{n.lower(): n for n in ("km", "cm", "mm", "deg", "Hz", "kHz", "kV", "kA", "MPa", "kWh")},
+    **dict.fromkeys(("degps", "degpers"), "deg/s"), "mmpers": "mm/s",
+}  # fmt: skip
+"""Units that only end a name, such as way_km."""
+
 IN_TIMES = {
     **dict.fromkeys(("ns", "nanos", "nsec", "nanoseconds"), "ns"),
     **dict.fromkeys(("us", "µs", "μs", "micros", "usec", "microseconds"), "us"),
@@ -64,17 +70,19 @@ DATES = ("date", "datum", "day", "tag", "fecha", "data", "calendardate")
 
 def is_unit(text: str) -> bool:
     """Whether a text is a unit that is known; - is none at all."""
-    return bool(text) and not _why(text)
+    return bool(text) and not why_no_unit(text)
 
 
 def is_offset(text: str) -> bool:
     """Whether a text is a scale with an offset, such as degC."""
-    return "offset" in _why(text)
+    return "offset" in why_no_unit(text)
 
 
 @lru_cache(maxsize=1024)
-def _why(text: str) -> str:
-    """Why a text is no unit; empty where it is one."""
+def why_no_unit(text: str) -> str:
+    """Why a text is no unit; empty where it is one that somebody may mean in a head."""
+    if text in ("Mbar", "Mm", "Ms"):
+        return f"unit {text!r} is a million {text[1:]}; write {text[1:]}, or m{text[1:]}"
     try:
         unit(text)
     except BadInput as error:
@@ -88,10 +96,14 @@ def name_and_unit(head: str) -> tuple[str, str]:
     match = _BRACKETS.match(head)
     inner = re.fullmatch(r"(.+?)\s*\[([^\]]+)\]\s*(\S.*)", head)
     if inner and is_unit(inner[2]) and inner[3][0] != "[":  # Speed [km/h] (raw)
+        if re.match(r"[x*×·/]\s*\d", inner[3]):  # of v [km/h] *10 nobody can read the unit
+            return inner[1], f"{inner[2]} {inner[3]}"
         return f"{inner[1]} {inner[3]}", inner[2]
     if match and match[1].strip():
         said = next(g for g in match.groups()[1:] if g is not None).strip()
         name = match[1].strip().removesuffix("/").rstrip() if "(" in head else match[1].strip()
+        if times := re.fullmatch(r"(.*[^\s*×])\s*([*×]\s*\d\S*)", name):  # nor of v*10 [km/h]
+            name, said = times[1], f"{said} {times[2]}"
         return name, "1" if said in ("", "-", "--", "1") else said
     match = re.fullmatch(r"(.+?)\s+in\s+\(?(\S+)\)?", head)
     if match and (match[2] == "-" or is_unit(match[2]) or is_offset(match[2])):
@@ -109,19 +121,27 @@ def words(name: str) -> list[str]:
     """Words of a name in small letters: TimeUS, time_us and time us are all time and us."""
     found: list[str] = []
     for word in re.split(r"[\W_]+", name):
-        known = word.lower() in IN_NAMES or word.lower() in IN_TIMES  # kN, degC are one word
+        known = word.lower() in {**IN_NAMES, **AT_END, **IN_TIMES}  # kN, degC are one word
         parted = word if known else re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", " ", word)
         found += parted.lower().split()
     return found
 
 
 def unit_in_name(name: str, wanted: str) -> str:
-    """Unit of the wanted dimension that a name holds, such as km/h in speed_kmh; else empty."""
+    """Unit of the wanted dimension that a name holds, such as km/h in speed_kmh; else empty.
+
+    It may be the whole name, as in RPM, but for a time: min and s are names. A number behind it
+    counts, as in rpm_1 and rpm1.
+    """
     parts = words(name)
-    pairs = [a + "per" + b for a, b in pairwise(parts) if (a, b) in
-             (("km", "h"), ("m", "s"))]  # fmt: skip
-    table = IN_TIMES if dimension_equal(wanted, "s") else IN_NAMES
-    found = {table[w] for w in (*parts[1:], *pairs) if w in table}
+    if dimension_equal(wanted, "s"):
+        found = {IN_TIMES[w] for w in parts[1:] if w in IN_TIMES}
+    else:
+        bare = [w if w in IN_NAMES else w.rstrip("0123456789") for w in parts]
+        bare = [w for w in bare if w]
+        pairs = [a + "per" + b for a, b in pairwise(bare)]
+        found = {IN_NAMES[w] for w in (*bare, *pairs) if w in IN_NAMES}
+        found |= {AT_END[w] for w in (*bare[-1:], *pairs[-1:]) if w in AT_END}
     fitting = [u for u in found if u not in ("degC", "degF") and dimension_equal(u, wanted)]
     return fitting[0] if len(fitting) == 1 else ""
 

@@ -131,25 +131,29 @@ class Table:
 
     def _judge(self, where: str, name: str, x: np.ndarray) -> None:
         """Tell of lone numbers; refuse an overflow, and a number that marks a missing one."""
-        lone, over = lone_values(x), overflows(x)
-        if over.size:
-            k = over[0]
-            raise BadInput(f"{where}: {x[k]:g} in {self.line} {self.lines[k]} follows {x[k - 1]:g}:"
-                           " the logger's number overflows; log it with more bits")  # fmt: skip
+        lone, over, marks = lone_values(x), overflows(x), marks_of_missing(x)
+        if time_in_name(name) and (x >= 0).all():
+            over = over[:0]  # a count of time without a sign begins anew: a further run
 
         def place(k: int) -> str:
             return f"{self.line} {self.lines[k]}"
 
-        for rows in (lone, marks_of_missing(x)):
+        for rows in (lone, marks):
             if rows[1:].size and np.ptp(x[rows]) == 0 and _beyond(x, rows):
                 raise BadInput(f"{where}: {x[rows[0]]:g} ({first_of(list(rows), place)}) is far"
                                " beyond all other values; where it marks a missing value, empty"
                                " the cell")  # fmt: skip
+        if over.size:
+            k = over[0]
+            raise BadInput(f"{where}: {x[k]:g} in {self.line} {self.lines[k]} follows {x[k - 1]:g}:"
+                           " the logger's number overflows; log it with more bits")  # fmt: skip
         self.notes += [
             f"{name}: {x[first]:g} stands in {stop - first} rows from {place(first)} on, then it"
             " jumps; where nothing was measured, empty the cells"
             for first, stop in held_values(x)
         ]
+        if not lone.size and marks.size == 1 and _beyond(x, marks):
+            lone = marks  # at an end, or in a few rows
         if not lone.size:
             return
         at = first_of(list(lone), place)
@@ -174,9 +178,13 @@ class Table:
 def lone_values(x: np.ndarray) -> np.ndarray:
     """Rows whose number is far from those before and after, which are near each other.
 
-    Far is 100 usual steps and more. A logger writes such a number where it has no value.
+    Far is 100 usual steps and more. A logger writes such a number where it has no value. Of a
+    sensor that is slower than the log, only the rows count in which its number changes.
     """
     rows = np.flatnonzero(np.isfinite(x))
+    changes = np.diff(x[rows], prepend=np.nan) != 0
+    if 2 * np.count_nonzero(changes) <= rows.size:
+        rows = rows[changes]
     if rows.size < 20:
         return rows[:0]
     steps = np.abs(np.diff(x[rows]))
@@ -226,16 +234,22 @@ def held_values(x: np.ndarray) -> list[tuple[int, int]]:
 
 
 def overflows(x: np.ndarray) -> np.ndarray:
-    """Rows whose number jumps from one end of its range to the other, as an integer overflows."""
-    if x.size < 20:
+    """Rows whose number jumps from one end of its range to the other, as an integer overflows.
+
+    One without a sign jumps between 0 and 255, 65535 and so on, in either direction.
+    """
+    if np.isfinite(x).sum() < 20:
         return np.zeros(0, dtype=int)
     with np.errstate(over="ignore"):
         steps = np.abs(np.diff(x))
     usual = float(np.nanmedian(steps))
     ends = np.minimum(np.abs(x[:-1]), np.abs(x[1:])) > 0.99 * np.nanmax(np.abs(x))
     apart = np.sign(x[:-1]) != np.sign(x[1:])
-    turns = ends & apart & (steps > 1000 * usual)
-    turns &= np.abs(np.abs(x[:-1]) - np.abs(x[1:])) < 50 * usual
+    turns = ends & apart & (np.abs(np.abs(x[:-1]) - np.abs(x[1:])) < 50 * usual)
+    low, top = np.minimum(x[:-1], x[1:]), np.maximum(x[:-1], x[1:])
+    tops = np.min([np.abs(top - 2.0**k) for k in (8, 16, 24, 32)], axis=0)
+    turns |= (low >= 0) & (low + tops < 10 * usual)
+    turns &= steps > 1000 * usual
     return np.flatnonzero(turns) + 1 if usual > 0 else np.zeros(0, dtype=int)
 
 

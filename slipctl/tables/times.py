@@ -29,6 +29,21 @@ _COMPACT = re.compile(r"0\d{5}(?:[.,]\d*)?|(?:19|20)\d{6}[ T]?\d{6}(?:[.,]\d*)?"
 """Digits of a clock time or a date that stand together."""
 
 
+def _is_compact(t: np.ndarray) -> bool:
+    """Whether numbers are hours, minutes and seconds that stand together, as 123559 then 123600.
+
+    They jump by 41 and more at each full minute, and read as a clock they go on evenly.
+    """
+    whole, t = np.floor(t), t.astype(float)
+    if (t < 0).any() or (whole >= 240000).any() or (whole % 100 > 59).any():
+        return False
+    if (whole // 100 % 100 > 59).any():
+        return False
+    steps, even = np.diff(t), np.diff(t - 40 * (whole // 100) - 2400 * (whole // 10000))
+    usual = np.median(steps) if steps.size else np.inf
+    return bool(usual < SLOW and steps.max() > 40 and even.max() < 2.5 * usual)
+
+
 def is_time_name(name: str) -> bool:
     """Whether a column may hold times or dates by its name."""
     pure = name_and_unit(name)[0]
@@ -200,6 +215,10 @@ def _of_numbers(table: Table, name: str, told: str) -> np.ndarray:
                        f" {table.lines[odd[0]]} may be hours, minutes and seconds; write"
                        " hh:mm:ss.f")  # fmt: skip
     finite = t[np.isfinite(t)]
+    if not told and _is_compact(finite):
+        raise BadInput(f"{table.path}: {name} has no unit, and {finite[0]:.10g} may be hours,"
+                       " minutes and seconds; write hh:mm:ss.f, or"
+                       f" say the unit by --time '{name}[s]'")  # fmt: skip
     if not finite.size:
         return np.full(len(t), np.nan)
     first = finite[0]

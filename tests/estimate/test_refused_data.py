@@ -117,3 +117,15 @@ def test_a_column_of_one_value_gives_a_parameter(tmp_path):
 def test_the_state_whose_start_is_sought():
     assert free_state(tank, "y") == "x"
     assert free_state(echo, "q") == "x"
+
+
+def test_a_unit_that_is_turned_twice_is_told_and_one_that_nobody_means_refused(tmp_path):
+    rows = "".join(f"{k},{2 * k}\n" for k in range(1, 6))
+    path = tmp_path / "log.csv"
+    for text, told in (("a/1000", True), ("a/3", False)):
+        path.write_text(f"a [mm],y [m]\n{rows}", encoding="utf-8")
+        found = fit(bare, path, ["k"], start={"k": 1.0}, columns={"a": text})
+        assert told == any("turns a a second time" in note for note in found.notes)
+    path.write_text(f"a [Mm],y [m]\n{rows}", encoding="utf-8")
+    with pytest.raises(BadInput, match="is a million m"):
+        fit(bare, path, ["k"], start={"k": 1.0})

@@ -168,3 +168,26 @@ def test_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(BadInput, match="cut it into logs"):
         read_recording(file)
     assert read_recording(file, wanted=["x"]).columns == ["x"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "scale"),
+    [({}, 1.0), ({"unit": "ms"}, 1e-3), ({"unit": "t"}, 0.0), ({"sync_type": 2}, 0.0),
+     ({"sync_type": 3, "unit": "m"}, 0.0), ({"sync_type": 0, "channel_type": 0}, 0.0)],
+)  # fmt: skip
+def test_places_angles_and_counts_of_a_measurement_are_no_times(
+    changes: dict[str, Any], scale: float, tmp_path: Path
+) -> None:
+    """A master in ms is in ms; what is over a distance or has no master is left out, and told."""
+    asammdf = pytest.importorskip("asammdf")
+    t, file = np.arange(5.0), tmp_path / "log.mf4"
+    with asammdf.MDF(version="4.10") as made:
+        made.append([asammdf.Signal(t, 4 * t, name="x")])
+        for name, value in changes.items():
+            setattr(made.groups[0].channels[0], name, value)
+        made.save(file, overwrite=True)
+    if scale:
+        assert read_recording(file, wanted=["x"]).time == pytest.approx(4 * scale * t)
+    else:
+        with pytest.raises(BadInput, match=r"x \(without times\)"):
+            read_recording(file, wanted=["x"])

@@ -9,6 +9,7 @@ import pytest
 
 from slipctl import BadInput, Input, Output, Param, State, connect, flow, step
 from slipctl.errors import Faults
+from slipctl.run.logs import log_signals
 from slipctl.run.logs.recorded_log import read_recording
 from slipctl.run.logs.replay import replay
 
@@ -199,3 +200,21 @@ def test_innovations_are_those_outputs_that_are_called_so(tmp_path):
     for block, home in ((filtered, ""), (connect("loop", {"a.u": "u"}, a=filtered), "a.")):
         found = replay(block, log, {}, compile=False).innovations
         assert found == [home + n for n in names[:-1]]
+
+
+def test_samples_that_are_slow_for_the_ticks_are_told(tmp_path):
+    """As where times in ms are read in s."""
+    for spacing, told in ((3.0, True), (1.0, False)):
+        t = [spacing * k for k in range(4)]
+        log = log_of(tmp_path, "time,u,h", t, U[:4], U[:4])
+        assert told == any("are slow for ticks of 0.1 s" in line for line in run(log, {}).notes)
+
+
+@pytest.mark.parametrize(("text", "told"), [
+    ("a/3.6", True), ("0.2778*a", True), ("a*1000/3600", False), ("a / 3", False),
+    ("b/3.6", False), ("3.6*a[km/h] + b", True), ("a + 3.61*b", False),
+])  # fmt: skip
+def test_a_number_that_turns_a_unit_a_second_time_is_told(text, told, tmp_path):
+    log = log_of(tmp_path, "time [s],a [km/h],b [m/s]", times(), U, U)
+    log_signals.source_of(sums, log, sums.inputs["u"], text)
+    assert told == any("turns a a second time" in line for line in log.notes)

@@ -68,6 +68,8 @@ def test_day_and_month_are_told_by_the_date_that_has_one_way():
     assert far(["3/4/2024", "4/13/2024"]) == 40 * 86400
     assert far(["3/4/2024 10:00:00", "3/4/2024 10:00:02.5"]) == 2.5
     assert far(["3/4/2024 23:59:59", "4/4/2024 00:00:01"]) == 2  # a day on, not a month
+    assert far(["24-05-01 23:59:59", "24-05-02 00:00:01"]) == 2  # a day on, not a year
+    assert far(["24/12/23 23:59:59", "25/12/23 00:00:01"]) == 2
     with pytest.raises(BadInput, match="which is the day and which the month"):
         far(["3/4/2024", "5/7/2024"])
     with pytest.raises(BadInput, match=r"row 0: the dates are not written alike"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from slipctl.block.units.unit_algebra import parse_quantity, unit
 from slipctl.models.trials import coasting
 from slipctl.run.logs.log_signals import source_of
 from slipctl.run.logs.recorded_log import Recording, read_recording
+from slipctl.tables.columns import unit_of_column
 from slipctl.tables.heads import other_unit_in_name, unit_in_name
 from slipctl.tables.layout import text_of
 from slipctl.tables.table import read_table
@@ -157,9 +159,14 @@ def test_it_is_refused_with_row_and_cause(what: str, tmp_path: Path) -> None:
     ("F_kN", "N", "kN", ""), ("TorqueNm", "N m", "Nm", ""), ("v_cms", "m/s", "cm/s", ""),
     ("v_kN", "m/s", "", "kN"), ("v_degC", "m/s", "", "degC"), ("T_degC", "K", "", ""),
     ("slip_percent", "1", "%", ""), ("bar", "m/s", "", ""), ("vKmh", "m/s", "km/h", ""),
+    ("RPM", "rad/s", "rpm", ""), ("rpm1", "rad/s", "rpm", ""), ("rpm_2", "rad/s", "rpm", ""),
+    ("kmh_front", "m/s", "km/h", ""), ("bar", "Pa", "bar", ""), ("a_mps2", "m/s^2", "m/s^2", ""),
+    ("way_km", "m", "km", ""), ("gap_mm2", "m", "mm", ""), ("p_MPa", "Pa", "MPa", ""),
+    ("U_kV", "V", "kV", ""), ("yaw_deg_s", "rad/s", "deg/s", ""), ("turn_deg", "rad", "deg", ""),
+    ("w_Hz", "rad/s", "Hz", ""), ("km_run", "m", "", ""), ("v_2", "m/s", "", ""),
 ])  # fmt: skip
 def test_a_unit_in_a_name(name: str, wanted: str, unit: str, other: str) -> None:
-    """That of the wanted dimension, or another one that ends the name; a bare unit is a name."""
+    """That of the wanted dimension, which may be all of the name; or another one that ends it."""
     assert (unit_in_name(name, wanted), other_unit_in_name(name, wanted)) == (unit, other)
 
 
@@ -174,7 +181,7 @@ def test_a_person_says_the_decimal_mark(mark: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("text", "same"), [
     ("U/min", "rpm"), ("Km/h", "km/h"), ("KM/H", "km/h"), ("Bar", "bar"), ("Promille", "‰"),
-    ("Prozent", "%"), ("mps", "m/s")])  # fmt: skip
+    ("Prozent", "%"), ("mps", "m/s"), ("msec", "ms"), ("usec", "us")])  # fmt: skip
 def test_units_as_people_write_them(text: str, same: str) -> None:
     assert unit(text).same(unit(same))
 
@@ -336,3 +343,77 @@ def test_what_loggers_write_for_nothing_is_refused_in_a_few_rows_too(tmp_path, v
         else:
             with pytest.raises(BadInput, match=r"line 3.*missing value"):
                 read_table(path).numbers("v")
+
+
+def sampled(values: list[float], file: Path) -> Recording:
+    """A log with a row of each value, in 10 ms."""
+    lines = (f"{k / 100:.2f};{v!r}\n" for k, v in enumerate(values))
+    file.write_text("t [s];v [m/s]\n" + "".join(lines), encoding="utf-8")
+    return read_recording(file)
+
+
+@pytest.mark.parametrize("rows_of_it", [1, 3])
+def test_a_number_that_stands_alone_is_told_of_a_sensor_that_is_slower_than_the_log(
+    tmp_path: Path, rows_of_it: int
+) -> None:
+    """Four rows have the same speed, so that most steps are zero."""
+    speed = [20.0 + 0.1 * (k // 4) for k in range(160)]
+    held = sampled(speed, tmp_path / "log.csv")
+    held.channel("v")
+    assert not held.notes
+    speed[40 : 40 + rows_of_it] = [655.35] * rows_of_it
+    log = sampled(speed, tmp_path / "log.csv")
+    log.channel("v")
+    assert any("1 value far from" in n and "655.35 (line 42)" in n for n in log.notes)
+
+
+@pytest.mark.parametrize("row", [0, 4, 9])
+def test_one_mark_of_a_missing_value_is_told_in_a_few_rows_and_at_an_end(tmp_path: Path, row: int):
+    values = [20.0 + k for k in range(10)]
+    values[row] = -9999.0
+    log = sampled(values, tmp_path / "log.csv")
+    log.channel("v")
+    assert any(f"-9999 (line {row + 2}); where it marks" in n for n in log.notes)
+
+
+@pytest.mark.parametrize(("bits", "step"), [(8, 0.02), (16, 3), (16, -3), (32, 1000)])
+def test_a_count_without_a_sign_that_begins_anew_is_refused(tmp_path: Path, bits: int, step: float):
+    begin = 2**bits - 30 * step if step > 0 else -30 * step
+    values = [(begin + step * k) % 2**bits for k in range(60)]
+    with pytest.raises(BadInput, match="the logger's number overflows"):
+        sampled(values, tmp_path / "log.csv").channel("v")
+    for code in (22.0, 2.0**bits - 1):  # two marks are told as such
+        text = [20.0 + k for k in range(40)]
+        text[5] = text[6] = 2.0**bits - 1
+        text[9] = code
+        with pytest.raises(BadInput, match="missing value") if bits > 8 else nullcontext():
+            sampled(text, tmp_path / "log.csv").channel("v")
+    fine = [v + 0.3 * 2**bits for v in values]
+    assert np.isfinite(sampled(fine, tmp_path / "log.csv").channel("v")).all()
+
+
+@pytest.mark.parametrize("head", ["v [km/h] x10", "v [km/h]*0.1", "v [km/h] /10", "v*10 [km/h]",
+                                  "v × 100 (km/h)", "v [10 km/h]"])  # fmt: skip
+def test_a_number_beside_a_unit_is_no_part_of_a_name(tmp_path: Path, head: str) -> None:
+    """Nothing tells whether the values are to be multiplied or have been: no such unit is read."""
+    file = tmp_path / "log.csv"
+    file.write_text(f"t [s];{head}\n0;1\n1;2\n", encoding="utf-8")
+    table = read_table(file)
+    assert "v" in table.cells
+    with pytest.raises(BadInput, match="cannot be read"):
+        unit_of_column(table, "v", "", "m/s", [])
+    assert unit_of_column(table, "v", "km/h", "m/s", []) == "km/h"
+
+
+def test_a_time_without_a_sign_that_begins_anew_is_a_further_run(tmp_path: Path) -> None:
+    lines = (f"{(65400 + 10 * k) % 65536};{k}" for k in range(40))
+    (tmp_path / "log.csv").write_text("time [ms];v\n" + "\n".join(lines), encoding="utf-8")
+    assert read_recording(tmp_path / "log.csv").begins == (14,)
+
+
+@pytest.mark.parametrize(("head", "wanted"), [("p [Mbar]", "Pa"), ("p [Mm]", "m"), ("p [Ms]", "s")])
+def test_a_million_bar_is_meant_by_nobody(tmp_path: Path, head: str, wanted: str) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text(f"t [s];{head}\n0;1\n1;2\n", encoding="utf-8")
+    with pytest.raises(BadInput, match="is a million"):
+        unit_of_column(read_table(file), "p", "", wanted, [])

@@ -150,8 +150,22 @@ def test_a_name_of_a_time_says_its_unit_and_how_likely_it_is():
         assert time_in_name(name) is None
 
 
-def test_a_name_of_one_word_says_no_unit():
-    assert (unit_in_name("kmh", "m/s"), unit_in_name("speed_kmh", "m/s")) == ("", "km/h")
+def test_a_name_of_one_word_says_no_unit_of_a_time():
+    """A column min may be the least; one that is called kmh is in km/h."""
+    assert (unit_in_name("kmh", "m/s"), unit_in_name("speed_kmh", "m/s")) == ("km/h", "km/h")
     assert (unit_in_name("min", "s"), unit_in_name("wait_min", "s")) == ("", "min")
     assert unit_in_name("v_km_h", "m/s") == "km/h"
     assert unit_in_name("way_km_m", "m") == ""  # two of them
+
+
+@pytest.mark.parametrize("step", [0.5, 1, 2])
+def test_hours_minutes_and_seconds_that_stand_together_are_no_seconds(tmp_path, step):
+    """In them a minute has 100 s; within one minute nothing tells them, and nothing is wrong."""
+    seconds = [45290 + step * k for k in range(60)]  # from 12:34:50 on
+    stamps = [f"{10000 * (s // 3600) + 100 * (s // 60 % 60) + s % 60:.1f}" for s in seconds]
+    with pytest.raises(BadInput, match="123450 may be hours, minutes and seconds"):
+        times(tmp_path, rows(stamps, range(60), head="utc;v"))
+    found, *_ = times(tmp_path, rows(stamps, range(60), head="utc;v"), "utc[s]")
+    assert found[-1] > 59 * step  # whoever says s has s
+    found, *_ = times(tmp_path, rows(stamps[:4], range(4), head="utc;v"))
+    assert found == pytest.approx(step * np.arange(4))

@@ -453,6 +453,8 @@ def _places(given: Any) -> list[Any]:
     places = _points(given)
     if not places:
         raise BadInput("interpolated: no places; give at least one")
+    if odd := [p for p in places if isinstance(p, str | bytes)]:
+        raise BadInput(f"interpolated: the place {odd[0]!r} is no number")
     for a, b in pairwise(places):
         if isinstance(a, int | float) and isinstance(b, int | float) and not b > a:
             raise BadInput(f"interpolated: the place {b:g} comes after {a:g}; give them rising")

@@ -278,11 +278,12 @@ def values_of_body(
         given: states, inputs and parameters.
 
     Raises:
-        BadInput: which of these lacks, or is no expression.
+        BadInput: which of these lacks, or is no expression; or that the body takes or gives
+            something else. What breaks within it is told as it is.
     """
     try:
-        return body(*given)
-    except (TypeError, NotImplementedError):
+        found = body(*given)
+    except (TypeError, NotImplementedError) as error:
         for role, values in zip(("state", "input", "param"), given, strict=True):
             if not isinstance(values, Mapping):
                 raise BadInput(f"{where}: give each {role} by name") from None
@@ -290,4 +291,10 @@ def values_of_body(
                 value = values.get(name)
                 if not isinstance(value, (int, float, np.ndarray, ca.SX, ca.MX, ca.DM)):
                     raise BadInput(f"{where}: the {role} {name!r} is no expression") from None
+        if error.__traceback__ is not None and error.__traceback__.tb_next is None:
+            raise BadInput(f"{where}: its body takes (x, u, p): {error}") from error
         raise
+    pair = isinstance(found, (tuple, list)) and len(found) == 2
+    if not pair or not all(isinstance(half, Mapping) for half in found):
+        raise BadInput(f"{where}: its body must return (dict of states, dict of outputs)")
+    return found

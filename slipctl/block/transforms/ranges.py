@@ -37,6 +37,8 @@ def ranged(
         if not isinstance(s, Signal):
             raise BadInput(f"ranged: {s!r} is no signal; write u=Input('N', lo=-1, hi=1)")
     given = {(s.role, n): s for n, s in signals.items()} | {("output", s.name): s for s in outputs}
+    if len(given) < len(outputs) + len(signals):
+        raise BadInput("ranged: a signal has two ranges; leave out one")
     own = {(s.role, s.name): s for s in block.signals}
     for (role, n), s in given.items():
         if (role, n) not in own:

@@ -75,6 +75,8 @@ SPOKEN = {
     **dict.fromkeys(("Prozent", "Percent", "pct"), "%"),
     **dict.fromkeys(("Promille", "promille", "permil"), "‰"),
     **dict.fromkeys(("Sek", "sek", "Sec", "SEC", "Sekunden", "secs"), "s"),
+    **dict.fromkeys(("msec", "mSec", "msek"), "ms"),
+    **dict.fromkeys(("usec", "µsec"), "us"), "nsec": "ns",
     **dict.fromkeys(("KN", "Kn"), "kN"), **dict.fromkeys(("mps", "MPS"), "m/s"), "KNm": "kN m",
 }  # fmt: skip
 """Unit that is meant, by what people write."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from slipctl.block.block import Block, Exprs
 from slipctl.block.signals import Signal
-from slipctl.errors import BadInput, check_known, nearest
+from slipctl.errors import BadInput, check_known, nearest, value_text
 
 Numbers = float | Mapping[str, float]
 
@@ -296,7 +296,7 @@ def by_name(
         if not (low and math.isfinite(number)):
             other = abs(number) if math.isfinite(number) and number else 1.0
             raise BadInput(
-                f"{who}: {what} of {n} is {value!r} {units[n]} and must be {allowed};"
+                f"{who}: {what} of {n} is {value_text(value)} {units[n]} and must be {allowed};"
                 f" {other:g} would pass"
             )
         full[n] = number

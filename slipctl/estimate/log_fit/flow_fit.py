@@ -25,6 +25,7 @@ from slipctl.estimate.log_fit.fit_search import Search
 from slipctl.estimate.log_fit.record import FittedOverTime, Record
 from slipctl.estimate.log_fit.rollout import Rolled, free_state, stretches
 from slipctl.estimate.model import unknown_parameters
+from slipctl.estimate.samples import samples_of
 
 
 def fit_over_time(
@@ -114,7 +115,7 @@ def _records(
     found: dict[str, np.ndarray] = {}
     for n in ("time", measured, *flow.inputs):
         if n in data:
-            found[n] = np.asarray(data[n], dtype=float).ravel()
+            found[n] = samples_of(f"data: {n}", data[n]).ravel()
         elif n in flow.inputs and flow.inputs[n].value is not None:
             found[n] = np.full(len(found["time"]), float(flow.inputs[n].value))
         else:

@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from slipctl.block.units.unit_algebra import factor
 from slipctl.errors import BadInput, nearest
-from slipctl.tables.heads import name_and_unit
+from slipctl.tables.heads import is_time_unit, is_unit, name_and_unit
 from slipctl.tables.times import is_time_name
 
 LARGEST = 2**31
@@ -163,8 +164,13 @@ def mdf(path: Path, wanted: Collection[str] | None) -> Columns:
                 if len(at) > 1:
                     found.notes.append(f"{len(at)} channels are called {name}; the first is read")
                 group, index = at[0]
+                seconds = _seconds(file, group)
+                if not seconds:
+                    found.notes.append(f"{name} has no times in the file, left out")
+                    found.others.append(f"{name} (without times)")
+                    continue
                 _check_size(path, file.groups[group].channel_group.cycles_nr * len(signals))
-                signals[name], unit = _channel(file, group, index)
+                signals[name], unit = _channel(file, group, index, seconds)
                 found.units[name] = "" if unit.strip() == "-" else unit.strip()
     except BadInput:
         raise
@@ -173,6 +179,8 @@ def mdf(path: Path, wanted: Collection[str] | None) -> Columns:
         raise _damaged(path, "MDF", error) from None
     if not signals:
         near = next((nearest(t, found.others) for t in wanted or ()), "")
+        if lost := [n for n in found.others if n.endswith("(without times)")]:
+            near = f"; it has {', '.join(lost[:12])}"
         raise BadInput(f"{path} has no channel that is asked for{near}")
     found.time = np.unique(np.concatenate([t for t, _ in signals.values()]))
     for name, (t, x) in signals.items():
@@ -191,7 +199,21 @@ def mdf(path: Path, wanted: Collection[str] | None) -> Columns:
     return found
 
 
-def _channel(file: Any, group: int, index: int) -> tuple[tuple[np.ndarray, np.ndarray], str]:
+def _seconds(file: Any, group: int) -> float:
+    """What turns the master of a group into s; 0 where it has none, or one of places or angles."""
+    at = file.masters_db.get(group)
+    master = None if at is None else file.groups[group].channels[at]
+    if master is None or getattr(master, "sync_type", 1) > 1:
+        return 0.0
+    told = str(getattr(master, "unit", "") or "").strip()
+    if not is_unit(told):
+        return 1.0
+    return factor(told, "s") if is_time_unit(told) else 0.0
+
+
+def _channel(
+    file: Any, group: int, index: int, seconds: float
+) -> tuple[tuple[np.ndarray, np.ndarray], str]:
     """Times in s and values of a channel, in order, and its unit; what is marked invalid is NaN."""
     signal = file.get(group=group, index=index, ignore_invalidation_bits=True)  # told below
     if signal.samples.dtype.kind not in "biuf":
@@ -203,7 +225,7 @@ def _channel(file: Any, group: int, index: int) -> tuple[tuple[np.ndarray, np.nd
     invalid = signal.invalidation_bits
     if invalid is not None:
         values[np.asarray(invalid, dtype=bool)] = np.nan
-    time = np.asarray(signal.timestamps, dtype=float)
+    time = np.asarray(signal.timestamps, dtype=float) * seconds
     order = np.flatnonzero(np.isfinite(time))
     order = order[np.argsort(time[order], kind="stable")]
     return (time[order], values[order]), str(signal.unit or "")

@@ -17,7 +17,7 @@ from slipctl.block.units.unit_algebra import factor, parse_quantity, refuse_coun
 from slipctl.errors import BadInput, nearest
 from slipctl.run.logs.recorded_log import Recording
 from slipctl.run.waveform import stretches
-from slipctl.tables.columns import expression_of, unit_of_column
+from slipctl.tables.columns import expression_of, turned_twice, unit_of_column
 
 
 @dataclass(frozen=True)
@@ -229,6 +229,7 @@ def source_of(block: Block, log: Recording, signal: Signal, text: str) -> Source
     turned = [f"{c} from {log.units[c]} to {units[n]}" for n, (c, scale) in columns.items()
               if scale != 1.0 and log.units[c]]  # fmt: skip
     log.notes.append(f"{signal.name} = {text}" + f" ({', '.join(turned)})" * bool(turned))
+    log.notes += turned_twice(text, dict(columns.values()))
     return Source(columns, said.text, numbers)
 
 

@@ -220,5 +220,8 @@ def _columns(
     if log.spacing < 0.5 * h:
         notes.append(f"samples every {log.spacing:.4g} s are resampled to ticks of {h:g} s, without"
                      " an anti-aliasing filter")  # fmt: skip
+    if log.spacing > 20 * h:
+        notes.append(f"samples every {log.spacing:.4g} s are slow for ticks of {h:g} s; look at the"
+                     " unit of the time")  # fmt: skip
     inputs = {n: log_signals.resample_at(t, x, at, rule) for n, (t, x) in channels.items()}
     return first, ticks, inputs
