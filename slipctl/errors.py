@@ -40,7 +40,7 @@ class RunFailed(RuntimeError):
     """A run broke (NaN or infinity in a state); the command line exits with 1."""
 
 
-def kept(given: Mapping[str, Any]) -> dict[str, Any]:
+def own_copy(given: Mapping[str, Any]) -> dict[str, Any]:
     """A mapping of its own, with arrays and lists of its own: changed later, it changes nothing."""
     plain = given.items() if isinstance(given, dict) else ((n, given[n]) for n in given)
     return {n: copy(v) if hasattr(v, "__array__") or isinstance(v, list) else v for n, v in plain}
@@ -127,7 +127,7 @@ def check_positive(what: str, given: Any, unit: str = "1") -> None:
     Raises:
         BadInput: "what = given unit must be positive".
     """
-    check_number(what, "True" if given is True else given, unit)
+    check_number(what, str(given) if isinstance(given, bool) else given, unit)
     if not (math.isfinite(given) and given > 0):
         told = "" if unit == "1" else f" {unit}"
         raise BadInput(f"{what} = {given:g}{told} must be positive")

@@ -16,7 +16,7 @@ from slipctl.errors import (
     check_kinds,
     check_number,
     check_whole,
-    kept,
+    own_copy,
     value_text,
 )
 
@@ -43,7 +43,7 @@ class Section:
     def __post_init__(self) -> None:
         given = {k: v for k, v in vars(self).items() if k in ("condition", "values")}
         check_kinds("Section", Section, given)  # Rail looks at start and length
-        object.__setattr__(self, "values", kept(self.values))
+        object.__setattr__(self, "values", own_copy(self.values))
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ class Scenario:
             raise BadInput(f"scenario {self.name}: noise {self.noise:g} must be 0 or positive")
         check_kinds("Scenario", Scenario, vars(self))
         for name in ("inputs", "start", "params"):
-            object.__setattr__(self, name, kept(getattr(self, name)))
+            object.__setattr__(self, name, own_copy(getattr(self, name)))
 
     def _repr_html_(self) -> str:
         return registry.view(self, "html")

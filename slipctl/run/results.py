@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slipctl import registry
-from slipctl.errors import BadInput, check_kinds, check_known, kept, nearest
+from slipctl.errors import BadInput, check_kinds, check_known, nearest, own_copy
 
 if TYPE_CHECKING:
     import xarray
@@ -140,7 +140,7 @@ class Case:
 
     def __post_init__(self) -> None:
         check_kinds("Case", Case, vars(self))
-        object.__setattr__(self, "known", kept(self.known))
+        object.__setattr__(self, "known", own_copy(self.known))
 
 
 @dataclass(frozen=True)
