@@ -96,6 +96,13 @@ FAULTS = {
         {"deceleration = ": "acceleration = "},
         "the vehicle's mode is 'brake'; write deceleration",
     ),
+    "band of all": (
+        {
+            'kind = "lag" ': 'kind = "air"\npressure = "0.5 bar"\nband = "0.6 bar" # ',
+            'lag = "60 ms"': "# ",
+        },
+        "actuator.band: is 0.6 bar, the full pressure 0.5 bar",
+    ),
     "no point": (
         {'kind = "constant" ': 'kind = "table"\nat = [] # ', '"1.2 m/s^2" ': "[] # "},
         "demand.at: has no point",
@@ -132,6 +139,13 @@ def test_what_a_file_may_not_say_is_refused_at_its_key(what, tmp_path):
 
 
 OF_DRIVEN = {
+    "rotor of almost all": (
+        {
+            "[actuator]": '[vehicle.torsion]\nstiffness = "6 MN m"\nshaft = "1 MN m"\nrotor ='
+            ' "109.99 kg m^2"\n[actuator]'
+        },
+        "torsion.rotor: is 109.99 kg m.2, the wheelset with it 110 kg m.2; the wheels alone",
+    ),
     "twice": ({"axles = 4 ": "driven = [1, 1]\naxles = 4 "}, "must name each driven axle once"),
     "nobody": ({"axles = 4 ": "driven = []\naxles = 4 "}, "must name each driven axle once"),
     "axle 5": ({"axles = 4 ": "driven = [2, 5]\naxles = 4 "}, "names axle 5 of 4"),
@@ -155,6 +169,14 @@ def test_what_a_file_of_a_driven_vehicle_may_not_say_is_refused(what, tmp_path):
     changes, said = OF_DRIVEN[what]
     with pytest.raises(BadInput, match=said):
         trip_files.load_trip(str(edited(tmp_path, changes, DRIVEN)))
+
+
+def test_a_law_in_a_file_may_tell_more_than_the_adhesion(tmp_path):
+    told = METRO.replace(
+        'law = "exponential_tail"',
+        'law = "mu = c*tanh(v_s/w); half = mu/2 where v_s [m/s], c = 0.3, w = 0.5 m/s"',
+    ).replace("leaves = { c = 0.09, s = 0.03 }", "dry = { c = 0.3 }\nleaves = { c = 0.1 }")
+    assert trip_files.load(str(edited(tmp_path, {}, told))).cases(None, False)
 
 
 OF_CARS = {
@@ -184,6 +206,26 @@ def test_cars_that_have_their_own_inertia_need_none_of_the_vehicle(tmp_path):
 
 
 UNUSUAL = {
+    "slip of one controller": (
+        {'K = "10 1/s"': 'K = "10 1/s"\nreference = { kind = "speed", slip = "17 m/s" } #'},
+        "controllers.pid.reference.slip: 17 m/s is above the vehicle's speed",
+    ),
+    "least slip": (
+        {
+            'kind = "searched" ': 'kind = "ratio"\nslip = 0.1\nleast = "4 m/s" # ',
+            "start = { c = 0.7 } ": "# ",
+            'speed = "60 km/h"': 'speed = "12 km/h"',
+        },
+        "reference.least: 4 m/s is above the vehicle's speed",
+    ),
+    "rate of the speed": (
+        {'"noisy", deviation = "0.05 m/s"': '"wheels", rate = "0.01 m/s^2"'},
+        "sensors.vehicle_speed.rate: is 0.01 m/s.2, and the vehicle may change",
+    ),
+    "cleaning by kJ": (
+        {"[demand]": '[rail.contamination]\npeak = 0.05\ntau = "3.4e-5 m/kJ"\n[demand]'},
+        "rail.contamination.tau: is 3.4e-08 m/J",
+    ),
     "gravity": ({"[vehicle]\n": '[vehicle]\ngravity = "1.62 m/s^2"\n'}, "vehicle.gravity: is 1.62"),
     "magnets in N": (
         {"[actuator]": '[vehicle.track_brake]\nattraction = "66 N"\n[actuator]'},

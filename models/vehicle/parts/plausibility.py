@@ -59,6 +59,13 @@ NOISY = 1.0
 LOST = 0.5
 """Share of lost samples."""
 
+SLOWS = 1.0
+"""Deceleration in m/s^2 that brakes and wet rail give."""
+
+CLEANS = (1e-6, 1e-2)
+"""Strength of the cleaning in m/J: at the ends a megajoule per metre recovers little, and a wheel
+that rolls recovers all."""
+
 BELIEVED = 0.1
 """Relative error of a wheel radius: 0.09 from new to worn, and a diameter is twice a radius."""
 
@@ -175,6 +182,8 @@ def _layer(trip: Trip) -> Iterator[str]:
     layer, speed, clean = trip.rail.contamination, trip.vehicle.speed, rail_law(trip)
     if layer is None:
         return
+    if layer.tau and not CLEANS[0] <= layer.tau <= CLEANS[1]:
+        yield f"rail.contamination.tau: is {layer.tau:g} m/J; of leaves it is about 3.4e-5 m/J"
     peaks = [
         peak_of_layer(on_train(clean.with_params(**values)), speed)
         for values in clean.conditions.values()
@@ -260,11 +269,20 @@ def _lifted(trip: Trip) -> Iterator[str]:
 
 def _measured(trip: Trip) -> Iterator[str]:
     """A slip that nobody reaches, a tooth wheel that tells next to nothing."""
-    vehicle, goal, part = trip.vehicle, trip.reference, trip.sensors.wheel_speed
-    if vehicle.mode == "brake" and isinstance(goal, SlipSpeed) and 0 < vehicle.speed < goal.slip:
-        yield f"reference.slip: {goal.slip:g} m/s is above the vehicle's speed; a wheel locks first"
-    if isinstance(goal, SlipRatio) and max(goal.each) > 0.5:
-        yield f"reference.slip: {max(goal.each):g} of the speed; slip laws hold 0.01 to 0.3"
+    vehicle, part = trip.vehicle, trip.sensors.wheel_speed
+    for where, goal in trip.references.items():
+        slip = getattr(goal, "slip" if isinstance(goal, SlipSpeed) else "least", 0.0)
+        if vehicle.mode == "brake" and 0 < vehicle.speed < slip:
+            key = "slip" if isinstance(goal, SlipSpeed) else "least"
+            yield f"{where}.{key}: {slip:g} m/s is above the vehicle's speed; a wheel locks first"
+        if isinstance(goal, SlipRatio) and max(goal.each) > 0.5:
+            yield f"{where}.slip: {max(goal.each):g} of the speed; slip laws hold 0.01 to 0.3"
+    rate = getattr(trip.sensors.vehicle_speed, "rate", None)
+    if rate is not None and rate < 0.5 * min(trip.pulled, SLOWS):
+        yield (
+            f"sensors.vehicle_speed.rate: is {rate:g} m/s^2, and the vehicle may change its speed"
+            f" by {trip.pulled:.3g} m/s^2"
+        )
     for true, known in zip(vehicle.worked, trip.believed, strict=True):
         if abs(known / vehicle.radii[true] - 1) > BELIEVED:
             yield (

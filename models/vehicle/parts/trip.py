@@ -364,7 +364,7 @@ class Trip(Part):
             yield "limits.overrun", "needs the mark that is not to be passed; write mark = '900 m'"
 
     @property
-    def _references(self) -> dict[str, Reference | None]:
+    def references(self) -> dict[str, Reference | None]:
         """Slips that are wanted, by where they stand; None where a controller has none."""
         own = {f"controllers.{k}.reference": getattr(part, "reference", None)
                for k, part in self.controllers.items()}  # fmt: skip
@@ -373,7 +373,7 @@ class Trip(Part):
     def _slips_of_axles(self) -> Iterator[Fault]:
         """A list of slips for another number of axles."""
         axles = len(self.vehicle.worked)
-        for where, part in self._references.items():
+        for where, part in self.references.items():
             many = len(part.each) if isinstance(part, SlipRatio) else 1
             if many not in (1, axles) or (isinstance(part, SlipRatio) and part.slip == ()):
                 yield (
@@ -384,7 +384,7 @@ class Trip(Part):
 
     def _without_layer(self) -> Iterator[Fault]:
         """A slip by what axles clean, where none is braked or nothing is to be cleaned."""
-        for where, part in self._references.items():
+        for where, part in self.references.items():
             if not isinstance(part, TrainSlip):
                 continue
             if self.vehicle.mode == "drive":
