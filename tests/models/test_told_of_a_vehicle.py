@@ -265,7 +265,7 @@ UNUSUAL = {
         {"[demand]": "[rail.contamination]\npeak = 0.5\n[demand]"},
         "rail.contamination.peak: the layer carries 0.5, more than the rail without it",
     ),
-    "negative adhesion downhill": (
+    "adhesion above 1 downhill": (
         {
             'law = "exponential_tail"': 'gradient = -0.1\nlaw = "mu = c*tanh(v_s/w)*(1 if v < u'
             ' else 9) where v_s [m/s], v [m/s], c = 0.3, w = 0.5 m/s, u = 18 m/s"',
