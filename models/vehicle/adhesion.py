@@ -32,8 +32,8 @@ BEYOND = 20.0
 STEEP = 0.01
 """Adhesion at a slip of 1e-6 m/s that is a step: of laws by Hertz and Kalker it is below 1e-4."""
 
-SPEEDS, SLIPS = 7, 600
-"""How many speeds and slips a law is asked at: both by equal shares."""
+SPEEDS, SLIPS = 14, 600
+"""How many speeds and slips a law is asked at, by equal shares; half of the slips at a speed."""
 
 NOTHING = 1e-9
 """Adhesion that is none."""
@@ -56,10 +56,22 @@ def law_faults(
     for name, rows in _rows_of_law(law, conditions, speed, driven):
         faults = [_fault(slips, mu) for slips, mu in rows]
         fault = next(filter(None, faults), "")
-        if not fault and max(float(mu.max()) for _, mu in rows) <= NOTHING:
-            fault = "adhesion is 0 at all slips; write a law that opposes slip"
+        # of each speed there are two rows, of slip forward and back
+        none = [
+            max(a.max(), b.max()) <= NOTHING
+            for (_, a), (_, b) in zip(rows[::2], rows[1::2], strict=True)
+        ]
+        if not fault and any(none):
+            where = "" if all(none) else ", but not at all speeds of the trip"
+            fault = f"adhesion is 0 at all slips{where}; write a law that opposes slip"
         if fault:
             yield name, fault
+
+
+def highest(law: Block, speed: float, driven: bool) -> float:
+    """Largest adhesion of a law with its numbers as they stand, over the speeds of a trip."""
+    ((_, rows),) = _rows_of_law(law, {"": {}}, speed, driven)
+    return max(float(mu.max()) for _, mu in rows)
 
 
 def heights_of_law(law: Block, speed: float, driven: bool) -> dict[str, float]:
@@ -75,6 +87,7 @@ def _rows_of_law(
     train = on_train(law)
     curve, by_speed = law.of_equations("curve", lambda: _curve(train))
     speeds = np.geomspace(max(speed, 1.0), 1.0, SPEEDS if by_speed else 1)
+    many = SLIPS // 2 if by_speed else SLIPS
     for name, values in conditions.items():
         known = train.param_values(**values)
         numbers = [known[n] for n in train.params]
@@ -82,7 +95,7 @@ def _rows_of_law(
         for at, side in product(speeds.tolist(), (1.0, -1.0)):
             # a braked wheel slips by the speed at most; and a ratio above 1 is no law's
             reach = at + BEYOND if driven and "lam" not in law.inputs else at
-            slips = np.concatenate([[0.0], np.geomspace(1e-6, reach, SLIPS)])
+            slips = np.concatenate([[0.0], np.geomspace(1e-6, reach, many)])
             mu_of = np.array(curve(side * slips[None, :], at, *numbers))
             rows.append((slips, side * mu_of.ravel()))
         yield name, rows

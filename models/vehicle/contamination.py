@@ -10,8 +10,14 @@ import numpy as np
 
 from slipctl import Block, Known, Rail
 from slipctl.analysis.rail_peaks import Peaks
+from slipctl.errors import Faults
 from slipctl.models.common_form import T_S
-from slipctl.models.vehicle.adhesion import contaminated_law, layer_law, peak_of_layer
+from slipctl.models.vehicle.adhesion import (
+    contaminated_law,
+    highest,
+    layer_law,
+    peak_of_layer,
+)
 from slipctl.models.vehicle.parts import Trip
 from slipctl.models.vehicle.plant import on_train
 from slipctl.models.wheel_rail.rail_memory import EVERYWHERE, Cells, Layer, rail_field
@@ -34,6 +40,16 @@ def field_of_rail(trip: Trip) -> Block | None:
     rows = [
         (p.begin, p.end, general if p.peak is None else p.peak / peak) for p in part.places
     ] or [(-EVERYWHERE, EVERYWHERE, general)]
+    factor = max([f for *_, f in rows] + ([drawn.peak[1] / peak] if drawn else []))
+    if factor > 1:
+        law, driven = layer_law(trip, part), trip.vehicle.mode == "drive"
+        if (height := factor * highest(law, trip.vehicle.speed, driven)) > 1:
+            raise Faults(
+                [
+                    f"rail.contamination.peak: with {factor * peak:.3g} at the speed at the start,"
+                    f" adhesion is {height:.3g} at lower speeds, above 1; write less"
+                ]
+            )
     given: dict[str, Any] = dict(_columns(rows, most))
     if sand is not None:
         given |= {"rate": sand.rate, "S_0": sand.grip, "carry": sand.carry, "delay": sand.delay,

@@ -146,7 +146,7 @@ def typical_slip(reference: Reference, speed: float) -> float:
     """Best slip in m/s for which a law is scaled: of the fitted curve, or the fixed one."""
     if isinstance(reference, Searched):
         curve, begin = law_and_guess(reference)
-        return argmax(curve, "v_s", lo=0.01, hi=10.0, at=begin).location
+        return argmax(curve, "v_s", "mu", lo=0.01, hi=10.0, at=begin).location
     if isinstance(reference, SlipSpeed):
         return reference.slip
     if isinstance(reference, TrainSlip):

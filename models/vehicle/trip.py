@@ -379,7 +379,7 @@ def best(block: Block, condition: str) -> tuple[float, float]:
         from slipctl.models.zhang_2021.hst_braking import grip
 
         block = grip(block)
-    found = argmax(block, slip, lo=1e-3, hi=0.9 if slip == "lam" else 10.0, at=at)
+    found = argmax(block, slip, "mu", lo=1e-3, hi=0.9 if slip == "lam" else 10.0, at=at)
     return found.location, abs(found.value)
 
 

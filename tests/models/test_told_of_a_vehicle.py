@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
 
 from slipctl.errors import BadInput, Faults
-from slipctl.models import vehicle
 from slipctl.models.vehicle.parts.plausibility import unusual_numbers
 from slipctl.study.files import trip_files
+from tests.edited_files import EMU, METRO, edited
 
-METRO = (Path(vehicle.__file__).parent / "files" / "metro.toml").read_text(encoding="utf-8")
 DRIVEN = (
     METRO.replace('mode = "brake"', 'mode = "drive"').replace("deceleration =", "acceleration =")
     .replace('stopping_distance = "140 m"\n', "")
@@ -20,16 +18,6 @@ DRIVEN = (
 SECTIONS = METRO[METRO.index("[[rail.sections]]") : METRO.index("[demand]")]
 
 LENGTHS = 'wheelbase = "2.1 m"\nbogie_centres = "11 m"\n'
-
-
-def edited(tmp_path: Path, changes: dict[str, str], text: str = METRO):
-    for before, after in changes.items():
-        assert text.count(before) == 1, before
-        text = text.replace(before, after)
-    path = tmp_path / "my.toml"
-    path.write_text(text, encoding="utf-8")
-    return path
-
 
 FAULTS = {
     "resistance by mass in kN": (
@@ -108,6 +96,32 @@ FAULTS = {
         {"deceleration = ": "acceleration = "},
         "the vehicle's mode is 'brake'; write deceleration",
     ),
+    "band of all": (
+        {
+            'kind = "lag" ': 'kind = "air"\npressure = "0.5 bar"\nband = "0.6 bar" # ',
+            'lag = "60 ms"': "# ",
+        },
+        "actuator.band: is 0.6 bar, the full pressure 0.5 bar",
+    ),
+    "no point": (
+        {'kind = "constant" ': 'kind = "table"\nat = [] # ', '"1.2 m/s^2" ': "[] # "},
+        "demand.at: has no point",
+    ),
+    "layer above 1 where it is slow": (
+        {
+            "[demand]": '[rail.contamination]\nlaw = "mu = c*tanh(v_s/w)/(1 + v/u) where v_s [m/s],'
+            ' v [m/s], c = 0.3, w = 0.5 m/s, u = 10 m/s"\npeak = 0.5\n[demand]'
+        },
+        "rail.contamination.peak: with 0.5 at the speed at the start, adhesion is 1.17",
+    ),
+    "no adhesion where it is slow": (
+        {
+            'law = "exponential_tail"': 'law = "mu = c*tanh(v_s/w)*(1 if v > u else 0) where'
+            ' v_s [m/s], v [m/s], c = 0.3, w = 0.5 m/s, u = 4 m/s"',
+            "leaves = { c = 0.09, s = 0.03 }": "dry = {}\nleaves = { c = 0.1 }",
+        },
+        "rail.conditions.dry: adhesion is 0 at all slips, but not at all speeds",
+    ),
     "train": (
         {'kind = "searched" ': 'kind = "train" # ', "start = { c = 0.7 } ": "# "},
         r"kind = 'train' knows the layer from \[rail.contamination\]",
@@ -125,6 +139,13 @@ def test_what_a_file_may_not_say_is_refused_at_its_key(what, tmp_path):
 
 
 OF_DRIVEN = {
+    "rotor of almost all": (
+        {
+            "[actuator]": '[vehicle.torsion]\nstiffness = "6 MN m"\nshaft = "1 MN m"\nrotor ='
+            ' "109.99 kg m^2"\n[actuator]'
+        },
+        "torsion.rotor: is 109.99 kg m.2, the wheelset with it 110 kg m.2; the wheels alone",
+    ),
     "twice": ({"axles = 4 ": "driven = [1, 1]\naxles = 4 "}, "must name each driven axle once"),
     "nobody": ({"axles = 4 ": "driven = []\naxles = 4 "}, "must name each driven axle once"),
     "axle 5": ({"axles = 4 ": "driven = [2, 5]\naxles = 4 "}, "names axle 5 of 4"),
@@ -150,7 +171,108 @@ def test_what_a_file_of_a_driven_vehicle_may_not_say_is_refused(what, tmp_path):
         trip_files.load_trip(str(edited(tmp_path, changes, DRIVEN)))
 
 
+def test_a_law_in_a_file_may_tell_more_than_the_adhesion(tmp_path):
+    told = METRO.replace(
+        'law = "exponential_tail"',
+        'law = "mu = c*tanh(v_s/w); half = mu/2 where v_s [m/s], c = 0.3, w = 0.5 m/s"',
+    ).replace("leaves = { c = 0.09, s = 0.03 }", "dry = { c = 0.3 }\nleaves = { c = 0.1 }")
+    assert trip_files.load(str(edited(tmp_path, {}, told))).cases(None, False)
+
+
+OF_CARS = {
+    "wagons lighter than their wheelsets": (
+        'bogies = 0\nwheelset_mass = "10 t"\nheight = "1.8 m"\nmass = "39 t"',
+        "vehicle.cars.0.wheelset_mass: bogies and wheelsets are 40000 kg of 39000 kg",
+    ),
+    "inertia of a toy": ('inertia = "0.1 kg m^2"', "the inertia of a wheelset is 0.1 kg"),
+    "two radii": ('radius = "0.45 m"', "vehicle.cars.0.radius: vehicle.radius is a list"),
+}
+
+
+@pytest.mark.parametrize("what", OF_CARS)
+def test_what_a_car_may_not_say_is_refused_at_its_key(what, tmp_path):
+    given, said = OF_CARS[what]
+    changes = {'mass = "48 t"': given if "mass =" in given else f'{given}\nmass = "48 t"'}
+    if "radius" in given:
+        changes['radius = "0.46 m"'] = "radius = [" + 8 * '"0.46 m", ' + "]"
+    with pytest.raises(BadInput, match=said):
+        trip_files.load_trip(str(edited(tmp_path, changes, EMU.replace('"2.5 m"', '"4 m"'))))
+
+
+def test_cars_that_have_their_own_inertia_need_none_of_the_vehicle(tmp_path):
+    own = EMU.replace('inertia = "100 kg m^2" ', "# ").replace('count = 2', 'count = 2\n'
+                      'inertia = "90 kg m^2"')  # fmt: skip
+    assert trip_files.load_trip(str(edited(tmp_path, {}, own))).vehicle.inertias == (90.0,) * 8
+
+
 UNUSUAL = {
+    "slip of one controller": (
+        {'K = "10 1/s"': 'K = "10 1/s"\nreference = { kind = "speed", slip = "17 m/s" } #'},
+        "controllers.pid.reference.slip: 17 m/s is above the vehicle's speed",
+    ),
+    "least slip": (
+        {
+            'kind = "searched" ': 'kind = "ratio"\nslip = 0.1\nleast = "4 m/s" # ',
+            "start = { c = 0.7 } ": "# ",
+            'speed = "60 km/h"': 'speed = "12 km/h"',
+        },
+        "reference.least: 4 m/s is above the vehicle's speed",
+    ),
+    "rate of the speed": (
+        {'"noisy", deviation = "0.05 m/s"': '"wheels", rate = "0.01 m/s^2"'},
+        "sensors.vehicle_speed.rate: is 0.01 m/s.2, and the vehicle may change",
+    ),
+    "cleaning by kJ": (
+        {"[demand]": '[rail.contamination]\npeak = 0.05\ntau = "3.4e-5 m/kJ"\n[demand]'},
+        "rail.contamination.tau: is 3.4e-08 m/J",
+    ),
+    "gravity": ({"[vehicle]\n": '[vehicle]\ngravity = "1.62 m/s^2"\n'}, "vehicle.gravity: is 1.62"),
+    "magnets in N": (
+        {"[actuator]": '[vehicle.track_brake]\nattraction = "66 N"\n[actuator]'},
+        "vehicle.track_brake.attraction: it alone slows by 0.000",
+    ),
+    "motors in N m": (
+        {"[actuator]": '[vehicle.dynamic_brake]\ntorque = "5 N m"\n[actuator]'},
+        "vehicle.dynamic_brake.torque: all motors together give 0.00",
+    ),
+    "motors in W": (
+        {"[actuator]": '[vehicle.dynamic_brake]\ntorque = "5 kN m"\npower = "300 W"\n[actuator]'},
+        "vehicle.dynamic_brake.power: all motors together have 1.2e.03 W",
+    ),
+    "power in W": ({'lag = "60 ms"': 'lag = "60 ms"\npower = "300 W"'}, "actuator.power: all axle"),
+    "top below the start": ({'lag = "60 ms"': 'lag = "60 ms"\ntop = "10 m/s"'}, "actuator.top: is"),
+    "rate": ({'lag = "60 ms"': 'lag = "60 ms"\nrate = "8 N m/s"'}, "actuator.rate: it takes 1e.03"),
+    "clock in ms": ({"teeth = 120": 'teeth = 120, clock = "1 ms"'}, "wheel_speed.clock: 1000 us"),
+    "lost samples": ({'"0.05 m/s" }': '"0.05 m/s", dropout = 0.9 }'}, "dropout: 90 %"),
+    "noise of a wheel": (
+        {'"tooth_wheel", teeth = 120': '"noisy", deviation = "5 rad/s"'},
+        "sensors.wheel_speed.deviation: 2.1 m/s; of speed",
+    ),
+    "small noise of a wheel in rad": (
+        {'"tooth_wheel", teeth = 120': '"noisy", deviation = "2 rad/s"'},
+        None,
+    ),
+    "believed diameter": (
+        {"[control]\n": '[control]\nradius = "0.84 m"\n'},
+        "control.radius: is 0.84 m, the wheels",
+    ),
+    "worn": ({"[control]\n": '[control]\nradius = "0.45 m"\n'}, None),
+    "weighed in kg": (
+        {'kind = "lag" ': 'kind = "air"\nweighed = "380 kg" # ', 'lag = "60 ms"': "# "},
+        "actuator.weighed: is 1 % of the vehicle's mass",
+    ),
+    "layer that helps": (
+        {"[demand]": "[rail.contamination]\npeak = 0.5\n[demand]"},
+        "rail.contamination.peak: the layer carries 0.5, more than the rail without it",
+    ),
+    "adhesion above 1 downhill": (
+        {
+            'law = "exponential_tail"': 'gradient = -0.1\nlaw = "mu = c*tanh(v_s/w)*(1 if v < u'
+            ' else 9) where v_s [m/s], v [m/s], c = 0.3, w = 0.5 m/s, u = 18 m/s"',
+            "leaves = { c = 0.09, s = 0.03 }": "dry = { c = 0.3 }\nleaves = { c = 0.1 }",
+        },
+        "rail.law, dry: at speeds up to 33.3 m/s, where it may get, adhesion is above 1",
+    ),
     "metro": ({}, None),
     "light": (
         {'mass = "38 t"': 'mass = "5.6 t"', "110 kg m^2": "60 kg m^2", '"8 kN m"': '"1 kN m"'},
@@ -255,118 +377,3 @@ def test_what_no_train_has_is_told_and_what_some_have_is_not(what, tmp_path):
     assert len(lines) == (said is not None), lines
     if said:
         assert re.search(said, lines[0])
-
-
-EMU = (Path(vehicle.__file__).parent / "files" / "emu.toml").read_text(encoding="utf-8")
-CAR = 'wheelbase = "2.5 m"\n'
-NO_EFFECT = {
-    "late fault": (
-        METRO, "\n[reference]", '\nfaults = [{ axle = 1, time = "17 s" }]\n[reference]',
-        "sensors.faults.0.time: 17 s is not before the end of the run, 17 s",
-    ),
-    "share of a frozen sensor": (
-        METRO, "\n[reference]", "\nfaults = [{ axle = 1, share = 0.9 }]\n[reference]",
-        "sensors.faults.0.share: has no effect, as kind = 'frozen'",
-    ),
-    "jump by nothing": (
-        METRO, "\n[reference]",
-        '\nfaults = [{ axle = 1, kind = "jumps", share = 0 }]\n[reference]',
-        "sensors.faults.0.share: has no effect, as it is 0",
-    ),
-    "torque without unit": (
-        METRO, "[control]\n", "[control]\nsafe = 3000\n",
-        "control.safe: 3000 has no unit; it is read as 3000 N m",
-    ),
-    "late magnets": (
-        METRO, "\n[actuator]",
-        '\n[vehicle.track_brake]\nattraction = "80 kN"\ndelay = "20 s"\n[actuator]',
-        "vehicle.track_brake.delay: 20 s is not before",
-    ),
-    "motors that fail late": (
-        METRO, "\n[actuator]",
-        '\n[vehicle.dynamic_brake]\ntorque = "4 kN m"\nlost = "17 s"\n[actuator]',
-        "vehicle.dynamic_brake.lost: 17 s is not before",
-    ),
-    "pause of motors without valves": (
-        METRO, "\n[actuator]",
-        '\n[vehicle.dynamic_brake]\ntorque = "4 kN m"\npause = "1 s"\n[actuator]',
-        "vehicle.dynamic_brake.pause: has no effect without the valves",
-    ),
-    "late point": (
-        METRO, 'kind = "constant"                        # "table" over time, speed or position;'
-        ' or "adhesion"\ndeceleration = "1.2 m/s^2"',
-        'kind = "table"\nat = ["0 s", "20 s"]\ndeceleration = ["1 m/s^2", "0 m/s^2"]',
-        "demand.at.1: 20 s is not before",
-    ),
-    "demand before its first point": (
-        METRO, 'kind = "constant"                        # "table" over time, speed or position;'
-        ' or "adhesion"\ndeceleration = "1.2 m/s^2"',
-        'kind = "table"\nover = "position"\nat = ["5 m"]\ndeceleration = ["1 m/s^2"]',
-        "demand.at.0: is 5 m; the demand there holds from the start on, write 0 m and",
-    ),
-    "patch of clean rail": (
-        METRO, 'mode = "brake" ', 'patch = "90 mm^2"\nmode = "brake" ',
-        "vehicle.patch: has no effect without [rail.contamination]",
-    ),
-    "every without let go": (
-        METRO, "[control]\n", '[control]\nlet_go_every = "5 s"\n',
-        "control.let_go_every: has no effect without let_go",
-    ),
-    "length of one car": (
-        METRO, 'mode = "brake" ', 'car_length = "20 m"\nmode = "brake" ',
-        "vehicle.car_length: has no effect, as axles = 4",
-    ),
-    "bogie without height": (
-        EMU, CAR, CAR + 'bogie_mass = "2 t"\n',
-        "vehicle.cars.0.bogie_mass: has no effect without height",
-    ),
-    "pivot of a wagon without bogies": (
-        EMU, CAR, CAR.replace("2.5", "4") + 'bogies = 0\nheight = "1.8 m"\n'
-        'pivot_height = "0.5 m"\n',
-        "vehicle.cars.0.pivot_height: has no effect, as bogies = 0",
-    ),
-    "cooling of cold pads": (
-        EMU, "[[vehicle.cars]]",
-        '[vehicle.pads]\nradius = "0.25 m"\ncooling = "50 W/K"\n[[vehicle.cars]]',
-        "vehicle.pads.cooling: has no effect without heat_capacity",
-    ),
-    "choke and rate": (
-        EMU, 'fill = "4 mm" ', 'fill = "3 mm"\nfill_rate = "0.44 1/s" ',
-        "actuator.fill: has no effect, as fill_rate is given",
-    ),
-    "own of a layer that stays": (
-        EMU, 'tau = "3.4e-5 m/J"', 'tau = "0 m/J"\nown = true',
-        "rail.contamination.own: has no effect, as tau = 0",
-    ),
-    "sand at a speed that is never reached": (
-        EMU.replace("gradient = -0.015\n", ""), 'tau = "3.4e-5 m/J"',
-        'sand = { axles = [1], above = "150 km/h" }',
-        "rail.contamination.sand.above: is 41.6667 m/s, the vehicle begins at 38.8889 m/s",
-    ),
-    "seed where there is no noise": (
-        METRO, "seed = 1  ", "noise = 0\nseed = 2  ", "seed: has no effect, as noise = 0",
-    ),
-    "noise where no sensor has any": (
-        METRO.replace('"tooth_wheel", teeth = 120', '"exact"').replace('"0.05 m/s" }', '"0 m/s" }'),
-        "seed = 1  ", "noise = 2  ", "noise: has no effect, no sensor has noise",
-    ),
-    "gain without unit": (
-        METRO, 'K = "10 1/s"', "K = 10", "controllers.pid.K: 10.0 has no unit; it is read as 10 1/s"
-    ),
-    "text without unit": (
-        METRO, 'k2 = "10 m/s^3"', 'k2 = "10"', "controllers.super_twisting.k2: 10 has no unit"
-    ),
-    "condition without unit": (
-        EMU, 'B = "0.3 s/m"', "B = 0.3",
-        "rail.conditions.dry.B: 0.3 has no unit; it is read as 0.3 s/m, write '0.3 s/m'",
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", sorted(NO_EFFECT))
-def test_what_changes_no_run_is_told_at_its_key(tmp_path: Path, name: str) -> None:
-    """And nothing is told of the files that slipctl writes."""
-    text, before, after, said = NO_EFFECT[name]
-    assert not trip_files.load(str(edited(tmp_path, {}, text))).without_effect
-    told = trip_files.load(str(edited(tmp_path, {before: after}, text))).without_effect
-    assert [line for line in told if line.startswith(said)], told

@@ -152,6 +152,12 @@ class Air(Part):
         """Times off the tick, pressures that cannot be, a reservoir that is none."""
         for name in ("dead_time", "pulse", "reaction"):
             yield from faults_off_ticks(name, getattr(self, name))
+        if self.band >= self.pressure:
+            yield (
+                "band",
+                f"is {1e-5 * self.band:g} bar, the full pressure {1e-5 * self.pressure:g} bar; the"
+                " brake would hold all the time, write less",
+            )
         if self.supply <= self.pressure:
             yield (
                 "supply",

@@ -80,8 +80,10 @@ class Profile(Part):
     force: tuple[float, ...] | None = number("N", None, "value at each point", lo=0, hi=1e8)
 
     def misfits(self) -> Iterator[Fault]:
-        """Lists of unequal length, points that do not rise."""
+        """No point, lists of unequal length, points that do not rise."""
         yield from Constant.misfits(self)  # type: ignore[arg-type]
+        if not self.at:
+            yield "at", "has no point; write one at least"
         given = next((v for v in (self.deceleration, self.acceleration, self.force) if v), ())
         if len(given) != len(self.at):
             yield "at", f"has {len(self.at)} values, the demand has {len(given)}"

@@ -6,12 +6,20 @@ was written. The ends are wide: they are for units and commas that slipped.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import pairwise
 
 from slipctl.errors import nearest
-from slipctl.models.vehicle.adhesion import heights_of_law, rail_law
-from slipctl.models.vehicle.parts import Constant, SlipRatio, SlipSpeed, ToothWheel, Trip
+from slipctl.models.vehicle.adhesion import (
+    heights_of_law,
+    law_faults,
+    layer_law,
+    peak_of_layer,
+    rail_law,
+)
+from slipctl.models.vehicle.parts import Air, Constant, Lag, SlipRatio, SlipSpeed, ToothWheel, Trip
+from slipctl.models.vehicle.plant import on_train
 from slipctl.study.resolve import load_block
 
 AXLE_LOAD = (2.5e3, 40e3)
@@ -46,7 +54,26 @@ SHORT = {"m": 1.0, "s": 0.1}
 """Shortest stretch of rail or demand: below that, no brake has answered when it is over."""
 
 NOISY = 1.0
-"""Standard deviation in m/s of a measured speed: 0.3 of a poor radar."""
+"""Deviation or step of a measured speed in m/s, or of an acceleration in m/s^2."""
+
+LOST = 0.5
+"""Share of lost samples."""
+
+SLOWS = 1.0
+"""Deceleration in m/s^2 that brakes and wet rail give."""
+
+CLEANS = (1e-6, 1e-2)
+"""Strength of the cleaning in m/J: at the ends a megajoule per metre recovers little, and a wheel
+that rolls recovers all."""
+
+BELIEVED = 0.1
+"""Relative error of a wheel radius: 0.09 from new to worn, and a diameter is twice a radius."""
+
+WEIGHED = (0.4, 2.5)
+"""Mass that the load weighing reports, over the true one: full over empty is 2 for coaches."""
+
+GRAVITY = (9.7, 9.9)
+"""Gravity in m/s^2: 9.78 at the equator, 9.83 at the poles."""
 
 
 def unusual_numbers(trip: Trip) -> Iterator[str]:
@@ -93,9 +120,15 @@ def unusual_numbers(trip: Trip) -> Iterator[str]:
         yield f"vehicle.speed: it begins at {3.6 * vehicle.speed:.4g} km/h"
     if vehicle.mode == "brake" and vehicle.speed == 0:
         yield "vehicle.speed: it stands at the start, and is braked"
+    if not GRAVITY[0] <= vehicle.gravity <= GRAVITY[1]:
+        yield f"vehicle.gravity: is {vehicle.gravity:g} m/s^2; on earth it is 9.78 to 9.83"
     yield from _short(trip)
     yield from _heights(trip)
+    yield from _faster(trip)
+    yield from _layer(trip)
     yield from _lifted(trip)
+    yield from _actuated(trip)
+    yield from _beside(trip)
     yield from _measured(trip)
 
 
@@ -135,6 +168,89 @@ def _heights(trip: Trip) -> Iterator[str]:
             yield f"{where}: adhesion is up to {height:.3g}; of dry rail it is at most 0.6"
 
 
+def _faster(trip: Trip) -> Iterator[str]:
+    """Rails that are none at speeds to which the vehicle may get after the start."""
+    vehicle, law, top = trip.vehicle, rail_law(trip), trip.fastest
+    if top > vehicle.speed:
+        wrong = law_faults(law, law.conditions, top, vehicle.mode == "drive")
+        for name, why in wrong:
+            yield f"rail.law, {name}: at speeds up to {top:.3g} m/s, where it may get, {why}"
+
+
+def _layer(trip: Trip) -> Iterator[str]:
+    """A layer that carries more than the rail without it."""
+    layer, speed, clean = trip.rail.contamination, trip.vehicle.speed, rail_law(trip)
+    if layer is None:
+        return
+    if layer.tau and not CLEANS[0] <= layer.tau <= CLEANS[1]:
+        yield f"rail.contamination.tau: is {layer.tau:g} m/J; of leaves it is about 3.4e-5 m/J"
+    peaks = [
+        peak_of_layer(on_train(clean.with_params(**values)), speed)
+        for values in clean.conditions.values()
+    ]
+    own = peak_of_layer(layer_law(trip, layer), speed)
+    general = own if layer.peak is None else layer.peak
+    given = {"peak": general} if not layer.places else {
+        f"places.{k}.peak": p.peak if p.peak is not None else general
+        for k, p in enumerate(layer.places)}  # fmt: skip
+    for key, peak in given.items():
+        if peak > max(peaks):
+            yield (
+                f"rail.contamination.{key}: the layer carries {peak:.3g}, more than the rail"
+                f" without it, {max(peaks):.3g}"
+            )
+
+
+def _actuated(trip: Trip) -> Iterator[str]:
+    """An actuator that gives next to nothing at the speed of the start, or too late."""
+    vehicle, act = trip.vehicle, trip.actuator
+    if isinstance(act, Lag):
+        if act.top is not None and act.top <= vehicle.speed:
+            yield (
+                f"actuator.top: is {act.top:g} m/s, the vehicle begins at {vehicle.speed:g} m/s,"
+                " where the actuators give no torque"
+            )
+        most = math.inf if act.power is None else act.power * len(vehicle.worked)
+        if most < LITTLE * vehicle.total * max(vehicle.speed, 1.0):
+            yield (
+                f"actuator.power: all axles together have {most:.3g} W for {vehicle.total:.3g} kg;"
+                " the power is that of one axle"
+            )
+        if act.rate is not None and act.torque / act.rate >= trip.duration:
+            yield (
+                f"actuator.rate: it takes {act.torque / act.rate:.3g} s to the largest torque, the"
+                f" run {trip.duration:g} s"
+            )
+    if isinstance(act, Air) and act.weighed is not None:
+        share = act.weighed / vehicle.total
+        if not WEIGHED[0] <= share <= WEIGHED[1]:
+            yield f"actuator.weighed: is {100 * share:.3g} % of the vehicle's mass"
+
+
+def _beside(trip: Trip) -> Iterator[str]:
+    """Magnets and motors that brake next to nothing, or more than any."""
+    vehicle = trip.vehicle
+    magnets, motors = vehicle.track_brake, vehicle.dynamic_brake
+    if magnets is not None:
+        slows = magnets.attraction * magnets.friction / vehicle.total
+        if not LITTLE <= slows <= MUCH:
+            yield (
+                f"vehicle.track_brake.attraction: it alone slows by {slows:.2g} m/s^2; magnets of"
+                " trains do by 0.2 to 1.5"
+            )
+    if motors is not None:
+        axles = [k - 1 for k in motors.axles or range(1, 1 + vehicle.axles)]
+        slows = sum(motors.torque / vehicle.radii[k] for k in axles) / vehicle.total
+        if not LITTLE <= slows <= MUCH:
+            yield f"vehicle.dynamic_brake.torque: all motors together give {slows:.2g} m/s^2"
+        most = math.inf if motors.power is None else motors.power * len(axles)
+        if most < LITTLE * vehicle.total * max(vehicle.speed, 1.0):
+            yield (
+                f"vehicle.dynamic_brake.power: all motors together have {most:.3g} W for"
+                f" {vehicle.total:.3g} kg; the power is that of one axle"
+            )
+
+
 def _lifted(trip: Trip) -> Iterator[str]:
     """Axles that carry nothing while the vehicle does what is demanded of it."""
     vehicle, part = trip.vehicle, trip.demand
@@ -153,17 +269,45 @@ def _lifted(trip: Trip) -> Iterator[str]:
 
 def _measured(trip: Trip) -> Iterator[str]:
     """A slip that nobody reaches, a tooth wheel that tells next to nothing."""
-    vehicle, goal, part = trip.vehicle, trip.reference, trip.sensors.wheel_speed
-    if vehicle.mode == "brake" and isinstance(goal, SlipSpeed) and 0 < vehicle.speed < goal.slip:
-        yield f"reference.slip: {goal.slip:g} m/s is above the vehicle's speed; a wheel locks first"
-    if isinstance(goal, SlipRatio) and max(goal.each) > 0.5:
-        yield f"reference.slip: {max(goal.each):g} of the speed; slip laws hold 0.01 to 0.3"
-    for name in ("wheel_speed", "vehicle_speed"):
-        noise = getattr(getattr(trip.sensors, name), "deviation", 0.0)
-        if noise > NOISY:
-            yield f"sensors.{name}.deviation: {noise:g} m/s; of speed sensors it is 0.3 or less"
+    vehicle, part = trip.vehicle, trip.sensors.wheel_speed
+    for where, goal in trip.references.items():
+        slip = getattr(goal, "slip" if isinstance(goal, SlipSpeed) else "least", 0.0)
+        if vehicle.mode == "brake" and 0 < vehicle.speed < slip:
+            key = "slip" if isinstance(goal, SlipSpeed) else "least"
+            yield f"{where}.{key}: {slip:g} m/s is above the vehicle's speed; a wheel locks first"
+        if isinstance(goal, SlipRatio) and max(goal.each) > 0.5:
+            yield f"{where}.slip: {max(goal.each):g} of the speed; slip laws hold 0.01 to 0.3"
+    rate = getattr(trip.sensors.vehicle_speed, "rate", None)
+    if rate is not None and rate < 0.5 * min(trip.pulled, SLOWS):
+        yield (
+            f"sensors.vehicle_speed.rate: is {rate:g} m/s^2, and the vehicle may change its speed"
+            f" by {trip.pulled:.3g} m/s^2"
+        )
+    for true, known in zip(vehicle.worked, trip.believed, strict=True):
+        if abs(known / vehicle.radii[true] - 1) > BELIEVED:
+            yield (
+                f"control.radius: is {known:g} m, the wheels of axle {true + 1} have"
+                f" {vehicle.radii[true]:g} m"
+            )
+            break
+    for name in ("wheel_speed", "vehicle_speed", "accelerometer"):
+        sensor = getattr(trip.sensors, name)
+        size = vehicle.wheel_radius if name == "wheel_speed" else 1.0  # of a wheel in rad/s
+        unit, what = ("m/s^2", "accelerometers") if name == "accelerometer" else (
+            "m/s", "speed sensors")  # fmt: skip
+        for key in ("deviation", "step", "bias"):
+            if (error := size * abs(getattr(sensor, key, 0.0))) > NOISY:
+                yield f"sensors.{name}.{key}: {error:.3g} {unit}; of {what} it is 0.3 or less"
+        if (share := getattr(sensor, "dropout", 0.0)) > LOST:
+            yield f"sensors.{name}.dropout: {100 * share:g} % of the samples are lost"
     if isinstance(part, ToothWheel) and vehicle.speed > 0:
         apart = 6.283 * vehicle.wheel_radius / part.teeth / vehicle.speed
+        for key in ("clock", "jitter"):
+            if (error := getattr(part, key)) > BELIEVED * apart:
+                yield (
+                    f"sensors.wheel_speed.{key}: {1e6 * error:g} us, and a tooth passes every"
+                    f" {1e6 * apart:.3g} us at the start"
+                )
         if apart > SPARSE:
             yield (
                 f"sensors.wheel_speed.teeth: a tooth passes every {1e3 * apart:.3g} ms at the"

@@ -192,8 +192,12 @@ class Track(Part):
         return bool(self.sections) and self.sections[0].place is not None
 
     @property
+    def slopes(self) -> list[float]:
+        """Gradients of the track."""
+        given = self.gradient
+        return [s.gradient for s in given] if isinstance(given, tuple) else [given]
+
+    @property
     def falls(self) -> bool:
         """Whether the track goes downhill anywhere."""
-        given = self.gradient
-        slopes = [s.gradient for s in given] if isinstance(given, tuple) else [given]
-        return min(slopes) < 0
+        return min(self.slopes) < 0

@@ -7,6 +7,9 @@ from dataclasses import MISSING, dataclass
 
 from slipctl.models.vehicle.parts.declaration import Fault, Part, number
 
+WHEELS = 1.0
+"""Least inertia in kg m^2 of two wheels on their axle."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Torsion(Part):
@@ -48,8 +51,9 @@ class Torsion(Part):
             )
         elif len(set(inertias)) > 1 or len(set(radii)) > 1:
             yield "torsion", "is one for all driven wheelsets, and these differ from each other"
-        elif self.rotor is not None and self.rotor >= inertias[0]:
+        elif self.rotor is not None and self.rotor > inertias[0] - WHEELS:
             yield (
                 "torsion.rotor",
-                f"is {self.rotor:g} kg m^2, the wheelset with it {inertias[0]:g} kg m^2",
+                f"is {self.rotor:g} kg m^2, the wheelset with it {inertias[0]:g} kg m^2;"
+                f" the wheels alone have at least {WHEELS:g} kg m^2",
             )

@@ -248,11 +248,37 @@ class Trip(Part):
     @property
     def beside_torques(self) -> float:
         """Largest acceleration in m/s^2 by gradient and running resistance."""
-        vehicle, given = self.vehicle, self.rail.gradient
-        slopes = [s.gradient for s in given] if isinstance(given, tuple) else [given]
+        vehicle, slopes = self.vehicle, self.rail.slopes
         a, b, c = vehicle.resistance.of(vehicle.total)
         drag = (a + (b + c * vehicle.speed) * vehicle.speed) / vehicle.total
         return vehicle.gravity * max(map(abs, slopes)) + drag
+
+    @property
+    def pulled(self) -> float:
+        """Largest acceleration in m/s^2 by the actuators: what they give, or what is demanded."""
+        vehicle, demand = self.vehicle, self.demand
+        given = sum(self.actuator.torque / vehicle.radii[k] for k in vehicle.worked) / vehicle.total
+        for name, mass in (("deceleration", 1.0), ("acceleration", 1.0), ("force", vehicle.total)):
+            asked = getattr(demand, name, None)
+            if asked is not None:
+                given = min(given, max(np.atleast_1d(asked)) / mass)
+        return float(given)
+
+    @property
+    def fastest(self) -> float:
+        """Speed in m/s that it does not exceed: by motors and downhill, without resistance."""
+        vehicle, slope = self.vehicle, max(0.0, -min(self.rail.slopes))
+        rate = vehicle.gravity * slope + (self.pulled if vehicle.mode == "drive" else 0.0)
+        return max(vehicle.speed, min(vehicle.speed + rate * self.duration, 150.0))
+
+    @property
+    def farthest(self) -> float:
+        """Place in m that the first axle does not pass in the run."""
+        found = number_with_unit(self.end, "m") if self.end else ""
+        last = found[0] if isinstance(found, tuple) else math.inf
+        if self.vehicle.mode == "brake" and not self.rail.falls:
+            last = min(last, self.vehicle.speed * self.duration)
+        return last
 
     @property
     def fastest_change(self) -> float:
@@ -260,14 +286,9 @@ class Trip(Part):
 
         A speed that may not fall as fast as the train releases its brakes on dry rail.
         """
-        vehicle, demand, magnets = self.vehicle, self.demand, self.vehicle.track_brake
-        given = sum(self.actuator.torque / vehicle.radii[k] for k in vehicle.worked) / vehicle.total
-        for name, mass in (("deceleration", 1.0), ("acceleration", 1.0), ("force", vehicle.total)):
-            asked = getattr(demand, name, None)
-            if asked is not None:
-                given = min(given, max(np.atleast_1d(asked)) / mass)
+        given, magnets = self.pulled, self.vehicle.track_brake
         if magnets is not None:
-            given += magnets.attraction * magnets.friction / vehicle.total
+            given += magnets.attraction * magnets.friction / self.vehicle.total
         return max(1.5, 1.2 * (given + self.beside_torques))
 
     @property
@@ -343,7 +364,7 @@ class Trip(Part):
             yield "limits.overrun", "needs the mark that is not to be passed; write mark = '900 m'"
 
     @property
-    def _references(self) -> dict[str, Reference | None]:
+    def references(self) -> dict[str, Reference | None]:
         """Slips that are wanted, by where they stand; None where a controller has none."""
         own = {f"controllers.{k}.reference": getattr(part, "reference", None)
                for k, part in self.controllers.items()}  # fmt: skip
@@ -352,7 +373,7 @@ class Trip(Part):
     def _slips_of_axles(self) -> Iterator[Fault]:
         """A list of slips for another number of axles."""
         axles = len(self.vehicle.worked)
-        for where, part in self._references.items():
+        for where, part in self.references.items():
             many = len(part.each) if isinstance(part, SlipRatio) else 1
             if many not in (1, axles) or (isinstance(part, SlipRatio) and part.slip == ()):
                 yield (
@@ -363,7 +384,7 @@ class Trip(Part):
 
     def _without_layer(self) -> Iterator[Fault]:
         """A slip by what axles clean, where none is braked or nothing is to be cleaned."""
-        for where, part in self._references.items():
+        for where, part in self.references.items():
             if not isinstance(part, TrainSlip):
                 continue
             if self.vehicle.mode == "drive":
@@ -405,10 +426,7 @@ class Trip(Part):
         if max(sanded, default=0) > self.vehicle.axles:
             many = self.vehicle.axles
             yield "rail.contamination.sand.axles", f"names axle {max(sanded)} of {many}"
-        found = number_with_unit(self.end, "m") if self.end else ""
-        last = found[0] if isinstance(found, tuple) else math.inf
-        if self.vehicle.mode == "brake" and not self.rail.falls:
-            last = min(last, self.vehicle.speed * self.duration)
+        last = self.farthest
         if drawn is not None and drawn.end > last:
             yield "ensemble.patches.to", f"is {drawn.end:g} m, and the run ends at {last:g} m"
         for k, place in enumerate(layer.places):

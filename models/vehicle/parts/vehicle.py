@@ -90,8 +90,9 @@ class Car(Part):
         if self.bogies and self.axles % self.bogies:
             yield "bogies", f"{self.axles} axles are not alike on {self.bogies} bogies"
             return
-        if self.bogies and self.total <= self._below:
-            yield "bogie_mass", f"bogies and wheelsets are {self._below:g} kg of {self.total:g} kg"
+        if self.total <= self._below:
+            name = "bogie_mass" if self.bogies and self.bogie_mass else "wheelset_mass"
+            yield name, f"bogies and wheelsets are {self._below:g} kg of {self.total:g} kg"
         if self.span >= self.length:
             yield "length", f"is {self.length:g} m; its axles alone are over {self.span:g} m"
 
@@ -252,7 +253,10 @@ class Vehicle(Part):
             yield from self._beside_cars()
         else:
             yield from _mass_faults(self, "the vehicle")
-        if (self.inertia is None) == (self.rotating_mass is None):
+        told = self.cars and all(car.inertia is not None for car in self.cars)
+        if (self.inertia is None) == (self.rotating_mass is None) and not (
+            told and self.inertia is None
+        ):
             given = "neither of them is" if self.inertia is None else "both are"
             yield "inertia", f"write inertia or rotating_mass; {given} given"
         for name in ("places", "radius"):
@@ -298,6 +302,9 @@ class Vehicle(Part):
                 yield name, "the cars have it; leave it out"
         if self.load:
             yield "load", "the cars have it; leave it out"
+        for k, car in enumerate(self.cars if not isinstance(self.radius, (int, float)) else ()):
+            if car.radius is not None:
+                yield f"cars.{k}.radius", "vehicle.radius is a list of all axles; leave one out"
         many = sum(car.count * car.axles for car in self.cars)
         if many > 32:
             yield "cars", f"the cars have {many} axles; a vehicle has at most 32"
@@ -327,8 +334,8 @@ class Vehicle(Part):
                 name = "cars" if self.cars else "mass" if self.mass is not None else "tare"
                 yield name, f"an axle carries {load:.4g} kg; it must be {least:g} .. {most:g} kg"
                 break
-        odd = [J for J in self.inertias if not light <= J <= heavy]
-        if odd and self.inertia is None and self.rotating_mass is not None:
+        odd = [J for J in self.inertias if J and not light <= J <= heavy]
+        if odd and (self.cars or self.inertia is None):
             yield (
                 "cars" if self.cars else "rotating_mass",
                 (
@@ -337,7 +344,7 @@ class Vehicle(Part):
                 ),
             )
         turning = sum(J / r**2 for J, r in zip(self.inertias, radii, strict=True))
-        if self.inertia is not None and self.total and turning > self.total:
+        if self.rotating_mass is None and self.total and turning > self.total:
             yield (
                 "inertia",
                 (

@@ -10,7 +10,8 @@ from dataclasses import MISSING, fields
 from typing import Any
 
 from slipctl.models.vehicle.parts.actuator import Air
-from slipctl.models.vehicle.parts.declaration import Part
+from slipctl.models.vehicle.parts.controllers import SlideProtection
+from slipctl.models.vehicle.parts.declaration import Part, torque_of
 from slipctl.models.vehicle.parts.demand import Constant, Profile
 from slipctl.models.vehicle.parts.trip import Trip
 from slipctl.study.files.declared_parts import key_of
@@ -29,9 +30,14 @@ def parts_without_effect(trip: Trip) -> Iterator[str]:
             f"demand.at.0: is {part.at[0]:g} {unit}; the demand there holds from the start on,"
             f" write 0 {unit} and what is demanded before"
         )
+    if isinstance(part, Profile) and sum(at <= 0 for at in part.at) > 1:
+        yield f"demand.at.0: has no effect, as demand.at.1 = {part.at[1]:g} is not above 0 either"
     yield from _too_late(trip)
+    yield from _too_far(trip)
     yield from _of_nothing(trip, "")
     yield from _of_other_parts(trip)
+    yield from _of_cars(trip)
+    yield from _never(trip)
 
 
 def _too_late(trip: Trip) -> Iterator[str]:
@@ -52,9 +58,73 @@ def _too_late(trip: Trip) -> Iterator[str]:
         times.append(("vehicle.dynamic_brake.lost", vehicle.dynamic_brake.lost))
     if layer is not None and layer.sand is not None:
         times.append(("rail.contamination.sand.delay", layer.sand.delay))
+    for key in ("dead_time", "reaction"):
+        times.append((f"actuator.{key}", getattr(trip.actuator, key, 0.0)))
     for where, time in times:
         if time >= trip.duration:
             yield f"{where}: {time:g} s is not before the end of the run, {trip.duration:g} s"
+
+
+def _too_far(trip: Trip) -> Iterator[str]:
+    """What is at places where no axle gets."""
+    part, slopes, last = trip.demand, trip.rail.gradient, trip.farthest
+    end = part.end if isinstance(part, Constant) else None
+    places = [("demand.until", end[0])] if end is not None and end[1] == "m" else []
+    if isinstance(part, Profile) and part.over == "position":
+        places += [(f"demand.at.{k}", at) for k, at in enumerate(part.at)]
+    if isinstance(slopes, tuple):
+        places += [(f"rail.gradient.{k}.place", s.place) for k, s in enumerate(slopes)]
+    for where, place in places:
+        if place >= last:
+            yield f"{where}: {place:g} m is not before the end of the run, {last:g} m at most"
+
+
+def _never(trip: Trip) -> Iterator[str]:
+    """What the speed at the start or the largest torque leaves without effect."""
+    vehicle, control, brake = trip.vehicle, trip.control, trip.actuator
+    motors, layer = vehicle.dynamic_brake, trip.rail.contamination
+    slows = vehicle.mode == "brake" and not trip.rail.falls and vehicle.speed > 0
+    ruled = any(part.kind not in ("none", "wsp") for part in trip.controllers.values())
+    for key in ("off", "least") if slows and ruled else ():
+        if (given := getattr(control, key)) >= vehicle.speed:
+            yield (
+                f"control.{key}: is {given:g} m/s, the vehicle begins at {vehicle.speed:g} m/s;"
+                " slip control never takes over"
+            )
+    for name, law in trip.controllers.items() if slows else ():
+        if isinstance(law, SlideProtection) and law.cut_off >= vehicle.speed:
+            yield (
+                f"controllers.{name}.cut_off: is {law.cut_off:g} m/s, the vehicle begins at"
+                f" {vehicle.speed:g} m/s; slide protection is always off"
+            )
+    if slows and motors is not None and motors.fades_to >= vehicle.speed:
+        yield (
+            f"vehicle.dynamic_brake.fades_to: is {motors.fades_to:g} m/s, the vehicle begins at"
+            f" {vehicle.speed:g} m/s; the motors never brake"
+        )
+    if motors is not None and motors.lost == 0:
+        yield "vehicle.dynamic_brake.lost: is 0 s; the motors never brake"
+    for key in ("safe", "demand_lost"):
+        torque = torque_of(given) if (given := getattr(control, key)) != "" else 0.0
+        if isinstance(torque, float) and torque > brake.torque:
+            yield (f"control.{key}: is {torque:g} N m, an axle gets {brake.torque:g} N m at most")
+    if layer is not None and layer.sand is not None and layer.sand.rate == 0:
+        yield "rail.contamination.sand.rate: is 0; no sand falls"
+
+
+def _of_cars(trip: Trip) -> Iterator[str]:
+    """Lengths of bogies that are not there; what each car has in place of the vehicle."""
+    vehicle = trip.vehicle
+    for k, car in enumerate(vehicle.cars):
+        if car.bogies == 1 and _set(car, "bogie_centres"):
+            yield f"vehicle.cars.{k}.bogie_centres: has no effect, as bogies = 1"
+        if car.per_bogie == 1 and _set(car, "wheelbase"):
+            yield f"vehicle.cars.{k}.wheelbase: has no effect, as a bogie has one axle"
+    for key in ("radius", "inertia", "rotating_mass", "pads"):
+        if vehicle.cars and _set(vehicle, key) and all(getattr(c, key) for c in vehicle.cars):
+            yield f"vehicle.{key}: has no effect, as each car has its own"
+    if not vehicle.cars and vehicle.axles == 1 and _set(vehicle, "wheelbase"):
+        yield "vehicle.wheelbase: has no effect, as axles = 1"
 
 
 def _of_nothing(part: Part, where: str) -> Iterator[str]:
