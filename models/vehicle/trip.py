@@ -371,15 +371,15 @@ def end(trip: Trip) -> End | None:
 
 def best(block: Block, condition: str) -> tuple[float, float]:
     """Best slip of a rail condition, speed or ratio as the law has it, and adhesion there."""
-    slip = "lam" if "lam" in block.inputs else "v_s"
+    slip, height = "lam" if "lam" in block.inputs else "v_s", "mu"
     at = dict(block.conditions[condition])
     if "v" in block.inputs:
         at["v"] = 10.0
     if block.inputs[slip].positive != block.outputs["mu"].positive:
         from slipctl.models.zhang_2021.hst_braking import grip
 
-        block = grip(block)
-    found = argmax(block, slip, "mu", lo=1e-3, hi=0.9 if slip == "lam" else 10.0, at=at)
+        block, height = grip(block), "grip"
+    found = argmax(block, slip, height, lo=1e-3, hi=0.9 if slip == "lam" else 10.0, at=at)
     return found.location, abs(found.value)
 
 
