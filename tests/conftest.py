@@ -116,13 +116,11 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def _own_messages() -> Iterator[None]:
-    """A command that a test runs in this process sends messages elsewhere: not those after it."""
+def _own_messages() -> None:
+    """A command that ran in this process before has sent messages elsewhere."""
     log = logging.getLogger("slipctl")
-    before = log.level, log.propagate, log.handlers[:]
-    yield
-    log.setLevel(before[0])
-    _, log.propagate, log.handlers[:] = before
+    log.setLevel(logging.NOTSET)
+    log.propagate, log.handlers[:] = True, []
 
 
 @pytest.fixture
