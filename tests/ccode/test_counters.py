@@ -61,18 +61,20 @@ def test_what_is_around_a_slow_part_has_no_counter_of_its_own():
 
 
 @pytest.mark.second
-def test_each_controller_of_the_file_that_new_writes_becomes_c(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    "name", ["pid", "super_twisting", pytest.param("predictive", marks=pytest.mark.long)]
+)
+def test_each_controller_of_the_file_that_new_writes_becomes_c(name, tmp_path, monkeypatch):
     """That of a four-axled vehicle has parts for each axle, and some that run every few ticks."""
     monkeypatch.chdir(tmp_path)
     assert main(["new", "metro", "-q"]) == 0
     study = resolve.load_study("metro.toml")
-    for name in ("pid", "super_twisting", "predictive"):
-        loop, _ = resolve.find_loop(study, name)
-        plan = Plan(loop[study.controller], "ctl", loop.period)
-        text = codegen.texts(plan)["ctl.c"]
-        moved = re.findall(r"(?:k < (\d+); \+\+k\) \{\s*)?x->[\w.]+(?:\[k\])? = later\(", text)
-        assert len(moved) == len(plan.counters) > 0
-        assert sum(int(n or 1) for n in moved) == sum(m.size for m, _ in plan.counters)
+    loop, _ = resolve.find_loop(study, name)
+    plan = Plan(loop[study.controller], "ctl", loop.period)
+    text = codegen.texts(plan)["ctl.c"]
+    moved = re.findall(r"(?:k < (\d+); \+\+k\) \{\s*)?x->[\w.]+(?:\[k\])? = later\(", text)
+    assert len(moved) == len(plan.counters) > 0
+    assert sum(int(n or 1) for n in moved) == sum(m.size for m, _ in plan.counters)
 
 
 @given(st.integers(0, 6), st.integers(0, 1000), st.integers(7, 40))
