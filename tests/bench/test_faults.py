@@ -262,6 +262,7 @@ def test_the_printed_search_forgets_nothing():
     assert kept("hst_braking:eppfc_gradient")["search.best_h"] < 0.2
 
 
+@pytest.mark.long
 def test_a_target_that_no_train_follows_does_no_harm(tmp_path):
     """A wrong acceleration winds the law up at its limit; up to 5 m/s^2 it took 0.9 s to unwind."""
     _, loop, part, scenario = next(faults.controllers(["hst_traction:hosm_limited"]))
@@ -409,6 +410,7 @@ def test_harm_that_the_evidence_tells_is_no_failure(tmp_path, monkeypatch):
     assert faults.main([name, "--told", str(told)]) == 1
 
 
+@pytest.mark.long
 def test_an_integral_that_is_wound_up_is_harm(tmp_path):
     """Same samples, another command: the difference is small in a range of 2e9 N m."""
     _, loop, part, scenario = next(faults.controllers(["all_rails:sta"]))

@@ -100,7 +100,7 @@ def test_a_state_that_was_never_set_up_is_told_so(tmp_path: Path) -> None:
 
 
 @pytest.mark.second
-@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("real", [pytest.param("double", marks=pytest.mark.long), "float"])
 def test_the_own_test_counts_too(tmp_path: Path, real: str) -> None:
     """On this machine in both precisions; a step that takes no notice of its number is found."""
     report = codegen.export(way, tmp_path / "good", check=True, real=real, counter=True)

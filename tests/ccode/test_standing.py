@@ -28,7 +28,7 @@ if compilers.first_compiler() is None:
     pytest.skip("no C compiler on this machine", allow_module_level=True)
 
 
-@pytest.mark.parametrize("gradient", [-0.04, 0.04])
+@pytest.mark.parametrize("gradient", [-0.04, pytest.param(0.04, marks=pytest.mark.long)])
 def test_a_car_stands_in_c_and_starts_again_when_it_is_released(
     gradient: float, tmp_path: Path
 ) -> None:

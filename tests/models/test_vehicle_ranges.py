@@ -79,7 +79,9 @@ def test_no_number_of_a_controller_is_without_a_range(tmp_path, text, changes):
 
 
 @pytest.mark.second
-@pytest.mark.parametrize(("wheel", "speed"), SENSORS)
+@pytest.mark.parametrize(("wheel", "speed"), [
+    pytest.param(*pair, marks=pytest.mark.long) if k % 2 else pair for k, pair in enumerate(SENSORS)
+])  # fmt: skip
 def test_every_true_sample_is_believed(tmp_path, text, wheel, speed):
     """Of any sensor that a file may name, on dry rail and on leaves."""
     study = written(tmp_path, text, (TOOTHED, wheel), (RADAR, speed), ('"17 s"', '"5 s"'))
