@@ -10,6 +10,7 @@ import numpy as np
 
 from slipctl.block.units.unit_algebra import display_scale
 from slipctl.errors import BadInput, nearest
+from slipctl.run.roles import axles_of_columns
 from slipctl.run.waveform import worst
 
 if TYPE_CHECKING:
@@ -96,10 +97,11 @@ def samples(
 def _of_axles(log: Any, name: str, worked: Sequence[int] | None) -> np.ndarray:
     """A column for each axle; one that is not a number where only others have the signal."""
     y = np.asarray(log[name].values).reshape(log.sizes["time"], -1)
-    if worked is None or y.shape[1] != len(worked) or log[name].ndim < 2:
+    axles = axles_of_columns(worked, y.shape[1])
+    if isinstance(axles, range) or log[name].ndim < 2:
         return y
-    every = np.full((len(y), max(log.sizes.get("axle", 0), *(k + 1 for k in worked))), np.nan)
-    every[:, list(worked)] = y
+    every = np.full((len(y), max(log.sizes.get("axle", 0), max(axles) + 1)), np.nan)
+    every[:, list(axles)] = y
     return every
 
 

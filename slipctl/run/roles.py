@@ -91,6 +91,11 @@ class Signals:
         return first_of(getattr(self, role), log)
 
 
+def axles_of_columns(worked: Sequence[int] | None, many: int) -> Sequence[int]:
+    """Axle, from 0 on, of each of so many columns; as many as are worked are of these."""
+    return worked if worked is not None and len(worked) == many else range(many)
+
+
 def first_of(names: Names, log: Mapping[Any, Any]) -> str | None:
     """Return the first of the names that the log has, or None."""
     wanted = [names] if isinstance(names, str) else list(names or ())

@@ -121,7 +121,8 @@ def words(name: str) -> list[str]:
     """Words of a name in small letters: TimeUS, time_us and time us are all time and us."""
     found: list[str] = []
     for word in re.split(r"[\W_]+", name):
-        known = word.lower() in {**IN_NAMES, **AT_END, **IN_TIMES}  # kN, degC are one word
+        # kN, degC are one word
+        known = any(word.lower() in units for units in (IN_NAMES, AT_END, IN_TIMES))
         parted = word if known else re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", " ", word)
         found += parted.lower().split()
     return found

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slipctl.block.units.unit_algebra import display_scale
+from slipctl.run.roles import axles_of_columns
 
 if TYPE_CHECKING:
     from slipctl.run.metrics import Run
@@ -79,9 +80,8 @@ def curves_of_run(run: Run, known: Mapping[str, Known] | None = None) -> Curves:
 
 
 def _columns(run: Run, values: np.ndarray, scale: float, name: str, looks: str) -> Iterator[Series]:
-    one, worked = values.shape[1] == 1, run.signals.axles or ()
-    axles = worked if len(worked) == values.shape[1] else range(values.shape[1])
-    for k, axle in enumerate(axles):
+    one = values.shape[1] == 1
+    for k, axle in enumerate(axles_of_columns(run.signals.axles, values.shape[1])):
         yield Series(name, 0 if one else axle + 1, looks if one else "axle", scale * values[:, k])
 
 

@@ -16,6 +16,7 @@ from slipctl.analysis.rail_peaks import LAYER, Peaks
 from slipctl.block.block import Block
 from slipctl.block.reach import slip_input
 from slipctl.run.rail import Scenario
+from slipctl.run.roles import axles_of_columns
 from slipctl.run.scenario_inputs import rail_values
 from slipctl.run.waveform import stretches
 
@@ -160,7 +161,7 @@ def _of_axle(column: Any, columns: np.ndarray, worked: Sequence[int] = ()) -> st
 
 def axle_of_column(worked: Sequence[int], column: Any, many: int) -> int:
     """Axle, from 1 on, of one of so many columns; as many as are worked are of these."""
-    return int(worked[column] if len(worked) == many else column) + 1
+    return int(axles_of_columns(worked, many)[column]) + 1
 
 
 def worked_axles(loop: Block) -> tuple[int, ...]:
