@@ -58,6 +58,14 @@ def test_bounds_lie_above_runs_and_near_them(pair):
     assert found.y * F(4, 5) < run.y <= found.y
 
 
+def test_a_bound_that_is_asked_for_takes_fewer_ticks_than_the_least():
+    law = gains(3, 2)
+    least = twisting_sampled.bound(law)
+    wide = twisting_sampled.bound(law, 4 * least.y)
+    assert least.y <= wide.y <= 4 * least.y
+    assert wide.plan[0][1] < least.plan[0][1]
+
+
 def exact(k2):
     return twisting_report.smallest_k1("exact", k2, 1.0)
 

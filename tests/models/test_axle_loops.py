@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from fractions import Fraction
 from importlib import resources
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -189,3 +190,10 @@ def test_a_draw_that_leaves_the_range_of_the_law_refuses_no_run(tmp_path):
     assert not any(g.loop == "pid" for g in found["beyond"].certificates.gains)
     why = found["beyond"].certificates.uncertified["pid"]
     assert "[ensemble] draws what the rail's law does not know" in why
+
+
+@pytest.mark.parametrize(("inputs", "hears"), [
+    (["v", "F"], True), (["axle1.D", "v"], True), (["F.v", "D.omega"], False), (["v"], False),
+])  # fmt: skip
+def test_a_law_hears_the_force_that_is_an_input_of_its_own_or_of_a_part(inputs, hears):
+    assert axle_loops.hears_force(SimpleNamespace(inputs=dict.fromkeys(inputs))) == hears

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -145,8 +145,7 @@ def _inputs(loop: Block, scenario: Scenario) -> Iterator[str]:
     yield ""
 
 
-def _table(title: str, rows: Iterable[Row]) -> Iterator[str]:
-    rows = list(rows)
+def _table(title: str, rows: Sequence[Row]) -> Iterator[str]:
     if not rows:
         return
     yield from ("", f"[{title}]")
