@@ -14,7 +14,14 @@ from hypothesis import strategies as st
 from slipctl.certify import proofs
 from slipctl.certify.arithmetic.interval_arrays import Boxes
 from slipctl.certify.arithmetic.whole_boxes import ONE, WholeBoxes, exponential
-from slipctl.certify.cells.mode_cells import _counted, _cover, _totals, places_in_ranges
+from slipctl.certify.cells.mode_cells import (
+    Cells,
+    Grid,
+    _counted,
+    _cover,
+    _totals,
+    places_in_ranges,
+)
 from slipctl.certify.cells.mode_images import ModeTick
 from slipctl.certify.entries import DoesNotHold
 from slipctl.certify.promise import CERTIFIED, INPUT, REFUTED, TARGET, Number, System
@@ -339,3 +346,12 @@ def test_products_by_powers_of_two_are_exact():
             assert np.array_equal(found.low[:2], low)
     assert (box * Boxes.around(F(1, 2), F(1, 2))).low[2] < 0  # where floats end it is rounded
     assert np.array_equal((box / Boxes.around(F(2), F(2))).low[:2], [0.05, -0.15])
+
+
+def test_cells_are_counted_once_each_over_all_modes():
+    cells = Cells(Grid((0,), (F(1),), (8,)))
+    for modes, places, new in [
+        ((0,), [3, 1, 3], [1, 3]), ((1,), [1], [1]), ((0,), [1, 2], [2]), ((0,), [2], []),
+    ]:  # fmt: skip
+        assert list(cells.add(cells.number(modes), np.array(places))) == new
+    assert cells.many == sum(int(held.sum()) for held in cells.held) == 4

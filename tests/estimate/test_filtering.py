@@ -783,6 +783,8 @@ BAD = [
         "use substeps=",
     ),
     (lambda: observability(wheel, "omega", "F_a", mass=1.0), "mass"),
+    (lambda: observability(wheel, "omega", "F_a", tolerance=0.0), "tolerance"),
+    (lambda: observability(wheel, "omega", "F_a", horizon=0.0), "horizon"),
     (lambda: lipschitz(wheel, "omega", "F_a", {}), "names no signal"),
     (lambda: lipschitz(wheel, "omega", "F_a", {"F_a": (1.0, 0.0)}), "lowest first"),
     (lambda: lipschitz(wheel, "omega", "F_a", {"F_a": (0.0, 1.0)}, of="f"), "no of='f'"),

@@ -168,6 +168,14 @@ def test_other_bad_input():
         linear_fit(bare)
 
 
+def test_a_printed_particle_moves_by_at_most_a_thousandth_of_each_coefficients_unit():
+    """Cheng 2022, Table 3: the same bound for all; a share of the box takes another for each."""
+    shares = swarm_settings("printed-21")["clamp"]
+    assert [k * (hi - lo) for k, (lo, hi) in zip(shares, BOX.values(), strict=True)] == (
+        pytest.approx([1e-3] * 3)
+    )
+
+
 @pytest.mark.parametrize("form", models.FORMS)
 def test_swarm_minimises_half_the_sum_of_squares(form):
     """Eq (21), less its least value; the well-posed one finds its minimum, the printed one not."""

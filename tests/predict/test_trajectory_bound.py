@@ -111,6 +111,12 @@ def test_a_guess_is_the_motion_at_rest_or_a_run_phase_by_phase():
         assert found["u"][k](share) == pytest.approx(np.full((5, 1), 2.0))
 
 
+@pytest.mark.parametrize(("goal", "unit"), [("-x", "m"), ("e", "J"), ("time", "s")])
+def test_the_objective_has_the_unit_of_what_is_minimised(goal, unit):
+    made = _Problem("here", sled, Scenario("go", 2.0), "F", goal, None, None, {"v": 0.0})
+    assert made.unit == unit
+
+
 def test_limits_are_kept_along_the_way():
     """Least time with a speed limit: trapezoidal profile, 1/v + v for |a| <= 1."""
     found = trajectory(
