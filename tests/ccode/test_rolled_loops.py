@@ -205,6 +205,15 @@ def test_the_first_and_the_last_step_are_in_the_loop() -> None:
     ]  # fmt: skip
 
 
+def test_the_last_of_a_chain_that_is_a_result_becomes_a_local_beside_any_other_result() -> None:
+    chain = [f"const double p_{k + 1} = sin(p_{k});" for k in range(3)]
+    lines = [*chain, "*a = p_1 + p_2;", "*b = sin(p_3);", "*d = 2.0;"]
+    assert with_pass(lambda n: rolled_loops._with_locals(n, {"p_0"})[0], lines) == [
+        *chain, "const double b_now = sin(p_3);", "*a = p_1 + p_2;", "*b = b_now;", "*d = 2.0;",
+    ]  # fmt: skip
+    assert with_pass(lambda n: rolled_loops._with_locals(n, {"b_now"})[0], lines) == lines
+
+
 def test_a_result_that_is_in_no_loop_stays_as_it_was() -> None:
     lines = [f"const double s{k} = x[{k * k}] + {k}.0 * u;" for k in range(5)]
     lines.append("*y = s4 + 9.0 * u;")
