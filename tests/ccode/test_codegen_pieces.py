@@ -86,7 +86,7 @@ def _nodes(f: ca.Function) -> list:
 
 
 def test_other_sums_stay_sums() -> None:
-    """Few ramps, ramps that overlap, another order, another x: written as they are."""
+    """Few ramps, ramps that overlap or begin above 0, another order: written as they are."""
     xs, ys = random_table(1, 6)
     assert "reached" not in of_plan(Plan(table(xs, ys)))
     for apart, order in ((0.5, range(10)), (1.0, reversed(range(10)))):
@@ -94,14 +94,15 @@ def test_other_sums_stay_sums() -> None:
         assert "reached" not in text
         assert len(re.findall(r"below\(|at_most\(", text)) > 10
     assert "reached" in of_plan(Plan(long_ramps(1.0, list(range(10)))))
+    assert "reached" not in of_plan(Plan(long_ramps(1.0, list(range(10)), least=0.25)))
 
 
-def long_ramps(apart: float, order: list[int]) -> Block:
-    """Ramps of length 1 that begin so far apart, summed in an order."""
+def long_ramps(apart: float, order: list[int], least: float = 0.0) -> Block:
+    """Ramps up to 1 that begin so far apart at their least value, summed in an order."""
 
     @law(y=Output("1"), name="long_ramps")
     def made(u=Input("1")):
-        ramps = [ca.fmin(ca.fmax(u - apart * (k + 1), 0.0), 1.0) for k in order]
+        ramps = [ca.fmin(ca.fmax(u - apart * (k + 1), least), 1.0) for k in order]
         return sum((0.1 * (k + 2) * r for k, r in zip(order, ramps, strict=True)), 2.0)
 
     return made
