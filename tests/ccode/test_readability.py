@@ -298,6 +298,10 @@ def test_a_call_writes_where_its_result_is_wanted() -> None:
     assert with_pass(hand_results, lines) == laid_out(lines)
     lines[-1] = "*b = b_2;"
     assert with_pass(hand_results, lines) == ["both(x, a, b);"]
+    lines[3:] = ["*a = a_2;", "*b = b_2;", "*a = 2.0 * *a;"]  # a is wanted again, b is not
+    assert with_pass(hand_results, lines) == [
+        "double a_2;", "both(x, &a_2, b);", "*a = a_2;", "*a = 2.0 * *a;",
+    ]  # fmt: skip
 
 
 @step(period=0.01, y=Output("m", "way", lo=-1e9, hi=1e9))

@@ -190,6 +190,15 @@ def test_each_state_with_a_range_is_asked_whatever_stands_before_it() -> None:
     assert "x->b" not in text
 
 
+def test_start_values_that_follow_are_told_behind_plain_ones() -> None:
+    plan = Plan(started)
+    text = "\n".join(lines_of(plan.start_lines(plan.layout.states, 0, "state->")))
+    for name in "abc":
+        assert f"state->{name} = " in text
+    assert "state->free" not in text
+    assert "state->last" not in text
+
+
 def test_start_values_are_computed_after_those_that_they_use() -> None:
     lines = fmu_source._starts(Plan(started))
     text = "".join(lines_of(lines))

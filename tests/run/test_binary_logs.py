@@ -170,6 +170,19 @@ def test_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert read_recording(file, wanted=["x"]).columns == ["x"]
 
 
+def test_a_channel_without_times_is_told_and_those_behind_it_are_read(tmp_path: Path) -> None:
+    asammdf = pytest.importorskip("asammdf")
+    t, file = np.arange(5.0), tmp_path / "log.mf4"
+    with asammdf.MDF(version="4.10") as made:
+        for name in ("lost", "x", "z"):
+            made.append([asammdf.Signal(2 * t, t, name=name)])
+        made.groups[0].channels[0].sync_type = 2  # an angle
+        made.save(file, overwrite=True)
+    found = read_recording(file)
+    assert found.columns == ["x", "z"]
+    assert any("lost" in note for note in found.notes)
+
+
 @pytest.mark.parametrize(
     ("changes", "scale"),
     [({}, 1.0), ({"unit": "ms"}, 1e-3), ({"unit": "t"}, 0.0), ({"sync_type": 2}, 0.0),
