@@ -28,7 +28,11 @@ from slipctl.certify.promise import CERTIFIED, INPUT, REFUTED, TARGET, Number, S
 from slipctl.certify.ticks.tick_sets import Loop, Stay, SwitchedLoop, exp, if_else
 from slipctl.certify.ticks.tick_source import code_of_tick
 from slipctl.errors import BadInput
-from slipctl.models.vehicle.certificate.tick_coordinates import chosen_coordinates, with_coordinates
+from slipctl.models.vehicle.certificate.tick_coordinates import (
+    chosen_coordinates,
+    compared_sums,
+    with_coordinates,
+)
 
 F = Fraction
 ends = st.tuples(st.floats(-50, 50), st.floats(0, 3))
@@ -291,6 +295,24 @@ def test_coordinates_that_a_tick_compares_change_nothing():
         assert t_next == pytest.approx(s_next)
         s = s_next
         assert y == pytest.approx(float(sums["f"]["s"]) * s + float(sums["f"]["f"]) * f)
+
+
+def test_sums_are_those_that_a_tick_compares_whatever_else_it_compares():
+    """Once up to a factor; products and single states are none."""
+
+    def tick(n, x, d):
+        k = if_else(x["s"] * x["f"] > 1, 1, 0) + if_else(x["g"] > 2, 1, 0)
+        k = k + if_else(x["s"] + 2 * x["f"] > 1, 1, 0) + if_else(-3 * x["s"] <= 6 * x["f"], 1, 0)
+        return {"s": x["s"] + k, "f": x["f"] + if_else(x["g"] - x["f"] < 5, 1, 0), "g": x["g"]}
+
+    states = ("s", "f", "g")
+    code = code_of_tick(tick, ((), states, ()), states)
+    sums = compared_sums(code, states)
+    assert [{k: abs(v) for k, v in s.items()} for s in sums] == [
+        {"s": F(1, 2), "f": F(1)}, {"g": F(1), "f": F(1)},
+    ]  # fmt: skip
+    assert sums[0]["s"] * sums[0]["f"] > 0 > sums[1]["g"] * sums[1]["f"]
+    assert compared_sums(code, ("s", "g")) == []
 
 
 # ---- cells of ranges ---------------------------------------------------------------------------
