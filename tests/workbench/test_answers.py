@@ -1075,7 +1075,7 @@ def test_the_speed_of_a_rim_follows_from_slip_or_is_that_of_the_wheel(run, rims)
     assert curves._speeds(Seen(1, {}, slip=V)) is None
 
 
-# ---- what is refused or lost ----------------------------------------------------------------------
+# ---- what is refused or lost ---------------------------------------------------------------------
 
 
 def test_a_process_that_ends_again_and_again_is_begun_no_more(monkeypatch) -> None:
