@@ -34,7 +34,7 @@ def exact_slopes(
     """Slopes of metrics by numbers of a loop, from CasADi's derivatives along the whole run.
 
     Returns:
-        By metric and number, in the unit of the metric by that of the number.
+        By metric that the run has and number, in the unit of the metric by that of the number.
 
     Raises:
         BadInput: the loop is not smooth in them; says why.
@@ -47,7 +47,8 @@ def exact_slopes(
         known=rig.case.known, free=tuple(names), compile=False,
     )  # fmt: skip
     draw = Draw({}, rig.case.scenario, rig.case.known, {})
-    found = Slopes(world, list(names)).of(numbers, draw, SMOOTH_SHOWN)
+    slopes, known = Slopes(world, list(names)), world.metrics(numbers, draw)
+    found = slopes.of(numbers, draw, [m for m in SMOOTH_SHOWN if m in known])
     return {
         m: {n: float(v) for n, v in zip(names, values, strict=True)} for m, values in found.items()
     }

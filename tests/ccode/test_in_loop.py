@@ -35,8 +35,6 @@ from slipctl.ccode.passes.precision import neighbour_float
 from slipctl.commands import cli
 from slipctl.study import processor, resolve
 
-pytestmark = pytest.mark.second
-
 
 @pytest.fixture(scope="module")
 def board() -> None:
@@ -84,6 +82,7 @@ def run(real: str, faults: Any = None) -> Any:
         return run_in_loop(loop(), "ctl", SCENARIO, rig, faults)
 
 
+@pytest.mark.second
 @pytest.mark.usefixtures("board")
 def test_trajectory_is_that_of_python() -> None:
     wanted = simulate(loop(), SCENARIO)
@@ -96,6 +95,7 @@ def test_trajectory_is_that_of_python() -> None:
     assert np.abs(single.data["ctl.F"] - wanted["ctl.F"]).max() > 0
 
 
+@pytest.mark.second
 @pytest.mark.usefixtures("board")
 def test_faults_are_told_and_the_loop_recovers() -> None:
     calm = run("double")
@@ -135,6 +135,7 @@ def test_floats_are_drawn_anew_only_for_what_changes() -> None:
     assert (draw(np.full(1000, 0.1 + 1e-12)) != first).any()
 
 
+@pytest.mark.second
 @given(value=st.floats(-1e30, 1e30), seed=st.integers(0, 99))
 def test_drawn_floats_lie_beside_the_number_and_have_it_as_mean(value: float, seed: int) -> None:
     found = neighbour_float(np.full(400, value), np.random.default_rng(seed).random(400))
@@ -169,6 +170,7 @@ def test_checksum_is_fletchers() -> None:
     assert fletcher(b"abcde") == bytes((0xF0, 0xC8))  # 0xC8F0, the usual example
 
 
+@pytest.mark.second
 def test_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
     for words, said in (
         (["subway_braking"], "is a study; write which loop: subway_braking:ideal, subway_"),
@@ -192,6 +194,7 @@ def test_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
         assert error.count("\n") == 1
 
 
+@pytest.mark.second
 def test_metrics_are_compared_one_by_one() -> None:
     assert processor._close(1.0, 1.005, 0.0)
     assert not processor._close(1.0, 1.02, 0.0)

@@ -15,9 +15,7 @@ from slipctl.ccode.check import analysis, coverage
 from slipctl.ccode.check.processor import load
 from slipctl.ccode.check.proof import module_proof
 from slipctl.ccode.module.plan import Plan
-from slipctl.ccode.ship.readable import readable
-
-pytestmark = pytest.mark.second
+from slipctl.ccode.ship.readable import assumptions, readable
 
 
 @step(period=0.01, y=Output("N", "sum", lo=-9, hi=9), z=Output("m", "other"))
@@ -268,3 +266,82 @@ def test_a_report_has_passed_only_if_each_part_has(data) -> None:
     assert report(slow).failures == ("a step takes longer than its tick",)
     unproven = data | {"proof": PROOF | {"passed": False}}
     assert report(unproven).failures == ("Frama-C has not proved all goals",)
+    looped = data | {"closed_loop": LOOPED | {"passed": False}}
+    assert len(report(looped).failures) == 1
+    assert report(data | {"closed_loop": LOOPED}).passed
+    errors = copy.deepcopy(data)
+    errors["analysis"] |= {"passed": False, "required": {}}
+    assert "cppcheck" in report(errors).failures[0]
+    assert "adds.c 17.3, adds.h 1.1" in report(
+        data | {"analysis": ANALYSIS | {"passed": False}}
+    ).failures[0]  # fmt: skip
+
+
+LOOPED = {
+    "ticks": 7001, "period": 0.5, "passed": True, "metrics_differ": ["lock_time", "slip_max"],
+    "commands": {
+        "u": {"absolute": 1.0, "largest": 100.0, "element": None, "unit": "N", "tick": 3},
+        "w": {"absolute": 0.5, "largest": 10.0, "element": 2, "unit": "kg", "tick": 8},
+        "x": {"absolute": 0.01, "largest": 0.0, "element": None, "unit": "1", "tick": 4},
+    },
+    "metrics": {"stopping_distance": [123.25, 123.5], "lock_time": [2.0, 1.5],
+                "slip_max": [None, 1.0], "distance": [9.0, 8.0]},
+}  # fmt: skip
+"""Numbers of a float module and of Python, Python's first."""
+
+
+def test_a_module_in_float_tells_its_closed_loop(data) -> None:
+    """The command that is furthest off of its own size, then the metrics that differ."""
+    looped = data | {"real": "float", "closed_loop": LOOPED}
+    said = (
+        "in closed loop 7001 ticks, w[2] differs most, by 0.5 of 10 kg at tick 8 (4 s);"
+        " stopping_distance 123.5, in Python 123.25; lock_time 1.5, in Python 2: passed"
+    )
+    assert f"  {said}" in str(report(looped)).splitlines()
+    assert f"{said[0].upper()}{said[1:]}." in readable(looped, Plan(adds).layout)
+    assert "closed loop" not in readable(data, Plan(adds).layout)
+    assert "closed loop" not in str(report(data | {"closed_loop": LOOPED}))
+    alone = str(report(data | {"real": "float"})).splitlines()
+    assert any("not run in closed loop: adds is in no loop" in line for line in alone)
+    bare = LOOPED | {"commands": {}, "metrics_differ": [], "metrics": {}, "passed": False}
+    assert "  in closed loop 7001 ticks: FAILED" in str(
+        report(looped | {"closed_loop": bare})
+    ).splitlines()  # fmt: skip
+
+
+def test_a_search_and_a_proof_one_by_one_are_told(data) -> None:
+    found = {"pieces": 8001, "new": 8002, "ways": 8003, "ticks": 8004}
+    (line,) = (s for s in str(report(data | {"search": found})).splitlines() if "8001" in s)
+    assert re.findall(r"\d+", line) == ["8001", "8002", "8003", "8004"]
+    one_by_one = PROOF | {"functions": {"ended": 21, "of": 23}}
+    assert "(NaN and infinity as alarms: 5003 alarms; one by one: 21 of 23 functions end)" in (
+        module_proof.summary(one_by_one)
+    )
+    assert "one by one" not in module_proof.summary(PROOF | {"functions": {"ended": 0, "of": 0}})
+    stopped = copy.deepcopy(data)
+    stopped["targets"][0] |= {"passed": False}
+    assert f"2023 ticks: FAILED, {TARGETS[0]['own_test']}" in str(report(stopped))
+    assert report(stopped).failures == ("its test fails on cortex-a",)
+
+
+def test_assumptions_name_the_length_of_a_tick_if_it_is_known(data) -> None:
+    for period, said in ((0.25, "every tick of 0.25 s"), (None, "whose length is not known")):
+        found = [a for a in assumptions(data | {"period_s": period}) if "adds_step` is" in a]
+        assert len(found) == 1
+        assert said in found[0]
+    counted = assumptions(data)
+    plain = assumptions(data | {"targets": []})
+    bare = assumptions(data | {"targets": [], "compiled": []})
+    assert (len(counted), len(plain), len(bare)) == (7, 6, 5)
+    assert counted[:5] == plain[:5] == bare
+    assert "ADDS_NO_INIT" in bare[0]
+
+
+def test_all_that_is_proved_with_every_range_leaves_the_tables_out(data) -> None:
+    clean = PROOF | {"alarms": [], "ranges": PROOF["ranges"] | {"open": [], "without": []}}
+    text = readable(data | {"proof": clean}, Plan(adds).layout)
+    assert rows(text, "Proven") == []
+    assert "Ranges not proven" not in text
+    assert "nothing is claimed" not in text
+    assert "nothing is claimed of them: `t`." in readable(data, Plan(adds).layout)
+    assert "options: `-eva -more`" in text

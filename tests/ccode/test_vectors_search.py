@@ -20,8 +20,6 @@ from slipctl.ccode.module.plan import Plan
 from slipctl.commands import c as command
 from slipctl.commands.cli import main
 
-pytestmark = pytest.mark.second
-
 try:
     compilers.compilers()
 except BadInput:
@@ -74,6 +72,7 @@ def test_it_opens_a_lock_that_the_own_test_does_not(tmp_path: Path) -> None:
     assert "search:" in str((tmp_path / "after" / "report.md").read_text(encoding="utf-8")).lower()
 
 
+@pytest.mark.second
 def test_inputs_stay_in_their_ranges_and_the_same_search_finds_the_same() -> None:
     """Ends and largest changes hold, from the last recorded tick on; a seed decides all."""
     plan, rows, told = found(2)
@@ -96,6 +95,7 @@ def gears(
     return {}, dict(y=if_else(gear > 1.5, if_else(count > 6.5, if_else(v > 8.9, 2, 1), 0), -1))
 
 
+@pytest.mark.second
 def test_choices_and_whole_numbers_stay_what_they_are() -> None:
     """A gear and a number of teeth have no fraction; a speed has."""
     plan = Plan(gears)
@@ -119,6 +119,7 @@ def test_it_is_asked_for_in_words(tmp_path: Path) -> None:
             search.effort(wrong)
 
 
+@pytest.mark.second
 def test_a_folder_in_float_is_tested_with_what_was_found(tmp_path: Path) -> None:
     """Without ``--check`` too: the vectors have the ticks, and ``make test`` passes."""
     out = tmp_path / "c"

@@ -145,10 +145,15 @@ def _is_truth(n: Node, known: _Known) -> bool:
     return known.has(n)
 
 
+def _is_below(value: float, end: int) -> bool:
+    """Whether it is a whole number from 0 on and below an end."""
+    return value.is_integer() and 0 <= value < end
+
+
 def _is_mode(n: Node, known: _Known) -> bool:
     """Whether an expression is the state of a state machine, as a whole number."""
     if n.kind == "number":
-        return float(n.head) in range(2**15)
+        return _is_below(float(n.head), 2**15)
     if n.kind == "choice":
         return all(_is_mode(p, known) for p in n.parts[1:])
     if n.kind == "paren":
@@ -274,7 +279,7 @@ def _whole(n: Node, known: _Known) -> Node:
     Raises:
         _Otherwise: another number.
     """
-    if n.kind == "number" and float(n.head) in range(2**31):
+    if n.kind == "number" and _is_below(float(n.head), 2**31):
         return Node("number", f"{int(float(n.head))}U")
     if n.kind == "paren" or (n.kind == "op" and n.head == "+"):
         return replace(n, parts=tuple(_whole(p, known) for p in n.parts))
