@@ -16,10 +16,12 @@ from slipctl.certify import proofs
 from slipctl.certify.cells.mode_cells import ModeLoop
 from slipctl.certify.cells.mode_runs import farthest_of_runs
 from slipctl.certify.entries import DoesNotHold
-from slipctl.certify.promise import CERTIFIED, INPUT, REFUTED, exact_numbers
+from slipctl.certify.promise import CERTIFIED, INPUT, REFUTED, UNDECIDED, exact_numbers
+from slipctl.certify.smooth.sampled_loop import Cell, SampledLoop
 from slipctl.certify.ticks.tick_code import code_of_function
 from slipctl.errors import BadInput
-from slipctl.models.vehicle.certificate import slide_kind
+from slipctl.models.vehicle.certificate import axle_kind, slide_kind
+from slipctl.models.vehicle.certificate.axle_kind import Built, LoopQuestion, axle_system
 from slipctl.models.vehicle.certificate.slide_kind import (
     SlideQuestion,
     payload,
@@ -349,3 +351,239 @@ def test_a_dead_time_is_told_of_the_start():
     assert "dead time" in SYSTEM.start(with_one)
     assert "10 m/s" in SYSTEM.start(without)
     assert "100 N m" in SYSTEM.start(without)
+
+
+# ---- smooth loops near their rest ----------------------------------------------------------------
+
+GOAL = F(1, 2)
+
+
+def resting(slope=F(1, 2), of_rest=F(2)):
+    """An error that is halved in each tick, beside a torque whose rest is twice the height.
+
+    e+ = slope e + (T - 2 h)/4 + w/8 + n/16 + f/32,   T+ = T/2 + h
+    """
+    goal, a = float(GOAL), float(slope)
+    code = code_of(
+        s=(lambda f, n, w, h, T, s: (
+            goal + a * (s - goal) + (T - 2 * h) / 4 + w / 8 + n / 16 + f / 32
+        ), ("d_f", "d_n", "d_w", "p_height", "x_T", "x_s")),
+        T=(lambda h, T: T / 2 + h, ("p_height", "x_T")),
+    )  # fmt: skip
+    loop = SampledLoop(code, ("s", "T"), ("w", "n", "f"), ("height",))
+
+    def rest(slow):
+        ((low, high),) = slow
+        return Cell(slow, (GOAL, of_rest * (low + high) / 2), ((F(0), of_rest),))
+
+    return Built(loop, rest)
+
+
+AXLE = axle_system(lambda n: resting())
+AXLE_FILE = axle_system(None)
+
+
+def axle_numbers(**more):
+    given = {"T": "0.01", "least": "0.5", "most": "1.5", "v": 10, "goal": "0.5", "lag": 0,
+             "dead": 0, "W": 1, **more}  # fmt: skip
+    return exact_numbers(AXLE, {k: F(str(v)) for k, v in given.items()})
+
+
+@pytest.fixture(scope="module")
+def summed():
+    """A proof in two cells of the height."""
+    return proofs.write(AXLE, axle_numbers(band="0.26", places=2))
+
+
+@pytest.mark.parametrize(
+    ("more", "most"),
+    [
+        ({}, F(1, 4)), ({"W": 0, "noise": 1}, F(1, 8)), ({"W": 0, "force": 1}, F(1, 16)),
+        ({"noise": 2, "force": 3}, F(1, 4) + F(1, 4) + F(3, 16)),
+        ({"off": "0.25"}, F(1, 2)),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_the_box_of_a_linear_loop_is_what_its_pushes_sum_up_to(more, most):
+    """Each push twice its share of a tick; a start off its rest is added."""
+    n = axle_numbers(**more)
+    payload = proofs.write(AXLE, n)
+    assert payload["verdict"] == CERTIFIED
+    far = F(payload["proofs"]["sums"]["evidence"]["cells"][0]["far"])
+    assert most <= far <= most * F(101, 100)
+    assert float(most) <= float(payload["promise"]["claims"]["stays"].split(" m/s")[0].split()[-1])
+    for wanted, verdict in ((most * F(99, 100), False), (most * F(101, 100), True)):
+        payload = proofs.write(AXLE, axle_numbers(**more, band=wanted))
+        assert (payload["verdict"] == CERTIFIED) == verdict
+        if verdict:
+            proofs.check(AXLE, payload)
+            proofs.check(AXLE_FILE, payload)
+
+
+def test_only_a_push_is_refuted_by_a_run_and_noise_stays_open():
+    for more, verdict in (({}, REFUTED), ({"W": 0, "noise": 2}, UNDECIDED)):
+        payload = proofs.write(AXLE, axle_numbers(**more, band="0.24"))
+        assert payload["verdict"] == verdict
+
+
+def test_a_finite_time_is_proved_to_its_last_tick():
+    """4.5 ticks are 5: the slip comes to 1/4 (1 - 2^-5) = 0.2421875, in a run too."""
+    for band, verdict in (("0.2424", CERTIFIED), ("0.2421", REFUTED)):
+        payload = proofs.write(AXLE, axle_numbers(time="0.045", band=band))
+        assert payload["verdict"] == verdict
+        proofs.check(AXLE, payload)
+        proofs.check(AXLE_FILE, payload)
+        longer = copy.deepcopy(payload)
+        if verdict == CERTIFIED:
+            assert set(payload["proofs"]) == {"tube"}
+            cell = payload["proofs"]["tube"]["evidence"]["cells"][0]
+            assert F(121, 500) < F(cell["far"]) <= F(303, 1250)
+            longer["asked"]["time"]["value"] = "51/1000"
+        else:
+            signs = payload["counterexample"]["run"]["signs"]
+            assert signs in ([1] * 5, [-1] * 5)
+            longer["asked"]["time"]["value"] = "1/25"
+        with pytest.raises(REFUSED):
+            proofs.check(AXLE_FILE, longer)
+    assert proofs.write(AXLE, axle_numbers(band="0.2424"))["verdict"] == REFUTED
+
+
+def test_without_a_time_only_sums_are_asked():
+    question = AXLE.loop
+    assert list(question.criteria(axle_numbers())) == ["sums"]
+    found = question.criteria(axle_numbers(time=1))
+    assert list(found) == ["tube", "sums"]
+    inputs = [k for k, v in axle_kind.NUMBERS.items() if v.role == INPUT]
+    for one in found.values():
+        assert one.proves == ("stays", "stays_in_band")
+        assert list(one.covers) == inputs == ["W", "noise", "force", "lag", "dead", "T", "off",
+                                              "time"]  # fmt: skip
+
+
+def spoiled(payload, path, value):
+    """A certificate with one entry of its evidence altered, or left out."""
+    bad = copy.deepcopy(payload)
+    (one,) = bad["proofs"].values()
+    at = one["evidence"]
+    for key in path[:-1]:
+        at = at[key]
+    if value is None:
+        del at[path[-1]]
+    else:
+        at[path[-1]] = value(at[path[-1]]) if callable(value) else value
+    return bad
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("states",), ["T", "s"]), (("states",), ["s"]), (("states",), ["s", "x"]),
+        (("pushes",), ["w", "n"]), (("pushes",), ["w", "f", "n", "g"]), (("slow",), []),
+        (("slow",), ["height", "height"]), (("slow",), ["h"]), (("tick",), None),
+        (("states",), None), (("pushes",), None), (("slow",), None), (("cells",), None),
+        (("cells",), []), (("cells", 0), None), (("cells", 1), None),
+        (("cells",), lambda c: c[::-1]), (("cells", 0, "far"), "1/4"),
+        (("cells", 1, "far"), "2499/10000"), (("cells", 0, "far"), None),
+        (("cells", 0, "rest", 0), "51/100"), (("cells", 1, "rest", 0), "49/100"),
+        (("cells", 0, "moves", 0, 0), "1/100"), (("cells", 0, "rest", 1), "2"),
+        (("cells", 0, "moves", 0, 1), "1"), (("cells", 0, "box", 0), "1/4"),
+        (("cells", 0, "slow", 0, 0), "51/100"),
+        (("cells", 1, "slow", 0, 1), "149/100"), (("cells", 1, "slow", 0, 0), "101/100"),
+        (("tick", "steps"), lambda s: s[:-1]),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_sums_with_one_entry_altered_prove_nothing(summed, path, value):
+    proofs.check(AXLE_FILE, summed)
+    with pytest.raises(REFUSED):
+        proofs.check(AXLE_FILE, spoiled(summed, path, value))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("W", "11/10"), ("noise", "1/10"), ("force", "1/5"), ("off", "1/100"), ("least", "49/100"),
+        ("most", "151/100"), ("goal", "51/100"), ("band", "1/4"),
+    ],
+)  # fmt: skip
+def test_sums_of_other_numbers_prove_nothing(summed, name, value):
+    bad = copy.deepcopy(summed)
+    bad["asked"][name]["value"] = value
+    with pytest.raises(REFUSED):
+        proofs.check(AXLE_FILE, bad)
+
+
+def test_sums_are_of_the_loop_that_was_asked(summed):
+    other = axle_system(lambda n: resting(F(3, 8)))  # milder, so all else would hold
+    with pytest.raises(DoesNotHold):
+        proofs.check(other, summed)
+    refuted = proofs.write(AXLE, axle_numbers(band="0.24"))
+    proofs.check(AXLE_FILE, refuted)
+    with pytest.raises(DoesNotHold):
+        proofs.check(other, refuted)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("height", "49/100"), ("height", "151/100"), ("height", "3/4"), ("rest", ["1/2", "2"]),
+        ("rest", ["1/2"]), ("rest", ["51/100", "1"]), ("signs", [1] * 4), ("signs", [0] * 20),
+        ("signs", [2] * 20), ("signs", []), ("signs", [1, -1] * 20), ("slow", []),
+        ("pushes", ["w", "n"]), ("states", ["s"]),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_run_from_rest_with_one_entry_altered_refutes_nothing(key, value):
+    refuted = proofs.write(AXLE, axle_numbers(band="0.24"))
+    bad = copy.deepcopy(refuted)
+    assert bad["counterexample"]["run"]["height"] == "1/2"
+    bad["counterexample"]["run"][key] = value
+    with pytest.raises(REFUSED):
+        proofs.check(AXLE_FILE, bad)
+
+
+def test_a_run_leaves_its_band_below_and_above():
+    """Five ticks are enough for 1/4 (1 - 2^-5) > 0.24, four are not; a start at rest is exact."""
+    refuted = proofs.write(AXLE, axle_numbers(band="0.24"))
+    for sign in (1, -1):
+        good = copy.deepcopy(refuted)
+        good["counterexample"]["run"]["signs"] = [sign] * 5
+        proofs.check(AXLE_FILE, good)
+        good["asked"]["goal"]["value"] = "51/100"
+        with pytest.raises(REFUSED):
+            proofs.check(AXLE_FILE, good)
+
+
+def test_a_loop_that_is_unstable_or_has_a_wider_box_says_why():
+    unstable = LoopQuestion(lambda n: resting(F(9, 8)), [])
+    assert unstable.criteria(axle_numbers())["sums"].evidence.find(axle_numbers()) is None
+    assert len(unstable.why) == 1
+    question = LoopQuestion(lambda n: resting(), ["before"])
+    wide, narrow = axle_numbers(band="0.26"), axle_numbers(band="0.2")
+    find = question.criteria(wide)["sums"].evidence.find
+    assert find(narrow) is None
+    assert len(question.why) == 1
+    said = list(question.why)
+    assert find(wide) is not None
+    assert question.why == []
+    assert find(narrow) is None
+    assert question.why == said
+    assert find(narrow) is None  # the same again
+    assert question.why == said
+    with pytest.raises(BadInput):
+        LoopQuestion(None, []).criteria(wide)["sums"].evidence.find(wide)
+    assert LoopQuestion(None, []).refuters()["run"].find(narrow) is None
+
+
+def test_a_loop_is_built_once_for_an_answer_and_its_file():
+    built = []
+    question = LoopQuestion(lambda n: built.append(1) or resting(), [])
+    n = axle_numbers(band="0.26")
+    evidence = question.criteria(n)["sums"].evidence
+    found = evidence.find(n)
+    many = len(built)
+    assert evidence.find(n) is found
+    assert len(built) == many
+    evidence.check(n, found)
+    assert evidence.find(axle_numbers(band="0.27")) is not None
+    assert len(built) > many
