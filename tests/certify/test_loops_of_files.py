@@ -587,3 +587,52 @@ def test_a_loop_is_built_once_for_an_answer_and_its_file():
     evidence.check(n, found)
     assert evidence.find(axle_numbers(band="0.27")) is not None
     assert len(built) > many
+
+
+def test_a_proof_is_checked_for_its_own_rest_and_time():
+    """Its numbers alone are altered, and nothing of the promise is looked at."""
+    n = axle_numbers(band="0.26")
+    evidence = AXLE.loop.criteria(n)["sums"].evidence
+    found = evidence.find(n)
+    evidence.check(n, found)
+    for name, value in (("goal", F(51, 100)), ("goal", F(49, 100)), ("least", F(49, 100)),
+                        ("most", F(151, 100)), ("W", F(2)), ("band", F(1, 4))):  # fmt: skip
+        with pytest.raises(DoesNotHold):
+            evidence.check({**n, name: value}, found)
+    n = axle_numbers(time="0.045", band="0.2424")
+    tube = AXLE.loop.criteria(n)["tube"].evidence
+    found = tube.find(n)
+    assert found["cells"][0]["ends"][-1] == 5
+    tube.check(n, found)
+    tube.check({**n, "time": F(5, 100)}, found)
+    for name, value in (("goal", F(51, 100)), ("time", F(501, 10000)), ("band", F(242, 1000)),
+                        ("W", F(11, 10))):  # fmt: skip
+        with pytest.raises(DoesNotHold):
+            tube.check({**n, name: value}, found)
+    wrong = copy.deepcopy(found)
+    wrong["cells"][0]["far"] = "1/5"
+    with pytest.raises(DoesNotHold):
+        tube.check(n, wrong)
+
+
+def test_a_run_is_replayed_with_its_own_numbers():
+    n = axle_numbers(band="0.24")
+    refuter = AXLE.loop.refuters()["run"]
+    run = refuter.find(n)
+    assert "5 ticks" in refuter.replay(n, {**run, "signs": [-1] * 5})
+    for wrong in ({"signs": [1] * 4}, {"signs": [0] * 9}, {"signs": [True] * 0},
+                  {"rest": ["1/2", "100001/100000"]}, {"rest": ["500001/1000000", "1"]},
+                  {"height": "3/2"}):  # fmt: skip
+        with pytest.raises(DoesNotHold):
+            refuter.replay(n, {**run, "signs": [1] * 5, **wrong})
+    for name, value in (("goal", F(500001, 1000000)), ("band", F(1, 4)), ("W", F(1, 2)),
+                        ("least", F(3, 4))):  # fmt: skip
+        with pytest.raises(DoesNotHold):
+            refuter.replay({**n, name: value}, {**run, "signs": [1] * 5})
+    timed = {**n, "time": F(4, 100)}
+    with pytest.raises(DoesNotHold):
+        refuter.replay(timed, {**run, "signs": [1] * 5})
+    refuter.replay({**n, "time": F(41, 1000)}, {**run, "signs": [1] * 5})
+    assert refuter.find(timed) is None
+    assert refuter.find(axle_numbers(band="0.24", W=0)) is None
+    assert refuter.find(axle_numbers()) is None
