@@ -17,7 +17,7 @@ from slipctl.certify.cells import mode_runs
 from slipctl.certify.cells.mode_cells import ModeLoop
 from slipctl.certify.entries import DoesNotHold
 from slipctl.certify.ticks.tick_code import code_of_function
-from slipctl.models.bounded_error.certificate import interval_systems
+from slipctl.models.bounded_error.certificate import interval_systems, lagged_maps
 from slipctl.models.bounded_error.certificate.scalar_maps import AtanhPull
 from slipctl.models.cheng_2022 import freight_traction
 from slipctl.models.cheng_2022.certificate import dither_push, seeking_kind, sliding_seeker
@@ -29,6 +29,7 @@ from slipctl.models.vehicle import cars
 from slipctl.models.vehicle.air import valve_control
 from slipctl.models.vehicle.certificate import slide_tick
 from slipctl.models.vehicle.parts import Pads
+from slipctl.models.wang_2025.certificate import higher_order
 from slipctl.models.zhang_2021.certificate import prescribed_performance
 
 F = Fraction
@@ -274,40 +275,47 @@ def test_values_of_a_sliding_seeker_are_its_closed_forms():
 
 
 def plain_turns(p, c, x, noises):
-    """Turns of a seeker by its own ticks: the sign that it hears, and where it is then."""
-    step, fall = p.k * p.T, p.rho * p.T
-    mu = lambda v: -abs(c) * v * v / 2  # noqa: E731
-    delta0 = p.beta / 2
-    g = mu(x) - delta0
-    heard = deque([mu(x)] * (p.late + 1))
-    side, tick, found = 1, 0, []
-    half = 0
-    while len(found) < len(noises):
-        y = heard.popleft()
-        towards = noises[half]
-        told = y - g + (towards * p.noise)
-        now = 1 if math.floor(told / p.beta) % 2 == 0 else -1
-        if now != side:
-            found.append((tick, x, now))
-            half += 1
+    """Turns of a seeker by its own ticks: when it hears another sign, and the place it hears then.
+
+    It is at rest before, and hears a place a dead time late; one noise for each half cycle.
+    """
+    g = -abs(c) * x * x / 2 - p.beta / 2
+    heard, side, tick, found = deque([x] * (p.late + 1)), 1, 0, []
+    for noise in noises:
+        while True:
+            place = heard.popleft()
+            told = -abs(c) * place * place / 2 - g + noise * p.noise
+            now = 1 if math.floor(told / p.beta) % 2 == 0 else -1
+            if now != side:
+                found.append((tick + p.late, x, now))  # as it is heard then
             side = now
-        x += side * step
-        g += fall
-        heard.append(mu(x))
-        tick += 1
+            x += side * p.k * p.T
+            g += p.rho * p.T
+            heard.append(x)
+            tick += 1
+            if found and found[-1][0] == tick - 1 + p.late:
+                break
     return found
 
 
-def test_half_cycles_without_noise_are_those_of_the_ticks():
-    """Rationals: each turn comes at the first tick whose sign is the other one."""
-    for late in (0,):
-        p = Seeker(F(1), F(1, 10), F(5, 100), F(1, 50), F(0), late)
-        found = list(sliding_seeker.turns(p, F(-1, 10), F(1, 20), 1, 1))
-        assert len(found) >= 4
-        wanted = plain_turns(p, F(-1, 10), F(1, 20), [0] * len(found))
-        ways = [(t.tick, t.x) for t in found]
-        assert ways == [(tick, x) for tick, x, _ in wanted]
-        assert [t.side for t in found] in ([s for *_, s in wanted], [-s for *_, s in wanted])
+@pytest.mark.parametrize("late", [0, 2])
+@pytest.mark.parametrize(("noise", "left", "right"), [(F(0), 2, 1), (F(1, 500), 1, 1)])
+def test_half_cycles_are_those_of_the_ticks(late, noise, left, right):
+    """Rationals: each turn comes at the first tick whose sign is the other one.
+
+    A noise that drives to one side makes the half cycles to that side longer.
+    """
+    p = Seeker(F(1), F(1, 10), F(5, 100), F(1, 50), noise, late)
+    found = list(sliding_seeker.turns(p, F(-1, 10), F(1, 20), left, right))
+    assert len(found) >= 4
+    noises, side = [], 1
+    for k in range(len(found)):
+        wanted = 1 if k % (left + right) >= left else -1
+        noises.append(1 if wanted == side else -1)
+        side = -side
+    wanted = plain_turns(p, F(-1, 10), F(1, 20), noises)
+    assert [(t.tick, t.x) for t in found] == [(tick, x) for tick, x, _ in wanted]
+    assert [t.side for t in found] in ([s for *_, s in wanted], [-s for *_, s in wanted])
 
 
 def test_without_room_the_ripple_is_the_whole_zone():
@@ -465,3 +473,57 @@ def test_what_gives_no_bits_or_asks_for_more_does_not_fit():
     trip = SimpleNamespace(actuator=None)
     with pytest.raises(BadInput):
         valve_control.refuse_misfits(trip, twice)
+
+
+def test_the_ripple_of_a_seeker_is_its_closed_form():
+    """Noise, dead time and lag; in whole ways of a tick."""
+    p = Seeker(F(1), F(1, 10), F(1, 10), F(1, 100), F(1, 200), 2, F(1, 50))
+    c = F(-1, 10)
+    m = 3 * F(1, 10) * F(1, 100)
+    r = F(1, 10) / (1 * F(1, 10))
+    share = 1 - (2 * F(1, 10) * F(1, 50) + m) / F(1, 10)
+    X = (F(1, 10) / (2 * F(1, 10)) + r * (2 * F(1, 200) + m) / F(1, 10)) / share
+    width = sliding_seeker.ripple(p, c)
+    assert width == math.floor(2 * X / F(1, 100)) * F(1, 100)
+
+
+@pytest.mark.parametrize(("k1", "k2"), [(4.0, 3.0), (1.0, 3.0), (2.0, 2.0), (0.3, 5.0)])
+def test_a_quadratic_proof_takes_what_the_peak_of_a_gain_leaves(k1, k2):
+    """2 eta times the largest |1/(s^2 + k1 s + k2)| is 1."""
+    w = np.linspace(0, 4 * math.sqrt(k2), 400_001)
+    peak = np.abs(1 / (k2 - w**2 + 1j * k1 * w)).max()
+    assert 2 * higher_order.quadratic_eta(k1, k2) * peak == pytest.approx(1, rel=1e-6)
+
+
+@pytest.mark.parametrize(("k1", "k2"), [(4.0, 3.0), (0.5, 6.0), (1.2, 2.0)])
+def test_any_proof_takes_no_more_than_half_k2_and_no_less_than_a_quadratic_one(k1, k2):
+    eta = higher_order.exact_eta(k1, k2)
+    assert higher_order.quadratic_eta(k1, k2) <= eta * (1 + 1e-9)
+    assert eta <= k2 / 2
+    assert higher_order.sta.exact(k1, k2 / 2, eta * (1 - 1e-6))
+    if eta < k2 / 2:
+        assert not higher_order.sta.exact(k1, k2 / 2, eta * (1 + 1e-6))
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.004, 0.05])
+@pytest.mark.parametrize("dead", [0, 1, 3])
+def test_a_command_behind_a_lag_is_the_mean_of_the_tick(lag, dead):
+    """alpha+ = E alpha + (1 - E) U, and the error feels c1 alpha + c2 U of a tick."""
+    T = 0.01
+    E, c1, c2, scale, left = lagged_maps.lag_numbers(lag, T, dead)
+    assert c1 + c2 == pytest.approx(1)
+    if not lag:  # a tick of dead time is kept in alpha
+        assert (E, c1, c2) == ((0, 1, 0) if dead else (0, 0, 1))
+        assert (scale, left) == (1, max(dead - 1, 0))
+        return
+    steps = 20_000
+    alpha, felt = 1.0, 0.0
+    for _ in range(steps):
+        felt += alpha / steps
+        alpha += T / steps / lag * (0 - alpha)
+    assert pytest.approx(alpha, rel=1e-3) == E
+    assert c1 == pytest.approx(felt, rel=1e-3)
+    assert (scale, left) == (pytest.approx(T / max(lag, T)), dead)
+    exact = lagged_maps.lag_numbers(Decimal(str(lag)), Decimal(str(T)), dead)
+    assert float(exact[0]) == pytest.approx(E, rel=1e-14)
+    assert exact[4] == dead
