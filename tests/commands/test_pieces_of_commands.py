@@ -5,21 +5,29 @@ from __future__ import annotations
 import argparse
 import errno
 import json
+import logging
 import math
 import os
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from slipctl import Input, Output, Param, State, flow
 from slipctl.certify.boundary import Farthest
-from slipctl.commands import arguments, cli, pil, run, tune
+from slipctl.commands import arguments, cli, fit_log, pil, run, sweep, tune
 from slipctl.commands.certificates import certify_loop, check
 from slipctl.commands.library import show
 from slipctl.errors import BadInput, Faults, RunFailed
 from slipctl.run import store
+from slipctl.run.logs.recorded_log import Recording
 from slipctl.run.metrics import Metric
 from slipctl.study.cache import Keep
+from slipctl.tables.table import Table
 
 # ---- what a terminal shows -----------------------------------------------------------------------
 
@@ -761,3 +769,330 @@ def test_logs_of_the_same_run_stay_where_they_are_wanted(tmp_path, monkeypatch):
     assert keep.log("dry", "pid") is None  # under its key, and damaged
     (tmp_path / "logs" / "dry" / "pid.csv").unlink()
     assert keep.log("dry", "pid") is None
+
+
+# ---- a log that is fitted ------------------------------------------------------------------------
+
+
+@flow(x=Output("m/s", "speed as it is told"))
+def rolls(
+    v=State("m/s", 3.0, "speed"),
+    T=Input("N m", "torque", value=2.0),
+    slope=Input("1", "gradient", value=0.5),
+    m=Param("kg", 4.0, "mass", lo=1.0, hi=100.0),
+    c=Param("kg/s", 1.0, "drag"),
+):
+    """A mass that rolls."""
+    return dict(v=(T - c * v) / m), dict(x=v)
+
+
+def test_settings_of_a_fit_are_numbers_inputs_or_what_stands_beside():
+    block, at, constants = fit_log._settled(rolls, {"m": "2 t", "T": "3 kN m", "c": "7 kg/s"}
+                                            | {"m": "8 kg"})  # fmt: skip
+    assert at == {"m": "8 kg", "c": "7 kg/s"}
+    assert constants == {"T": 3000.0}
+    values = {n: float(v) for n, v in block.param_values().items()}
+    assert values == {"m": 8.0, "c": 7.0}
+    assert {n: float(v) for n, v in rolls.param_values().items()} == {"m": 4.0, "c": 1.0}
+    same, at, constants = fit_log._settled(rolls, {})
+    assert (at, constants) == ({}, {})
+    assert {n: float(v) for n, v in same.param_values().items()} == {"m": 4.0, "c": 1.0}
+    for wrong in ({"m": "2 s"}, {"m": "1000 kg"}, {"T": "2 kg"}, {"q": "3"}):
+        with pytest.raises(BadInput):
+            fit_log._settled(rolls, wrong)
+
+
+def test_what_stands_beside_a_law_keeps_its_number():
+    beside = {"rho": Param("1", 0.05, "rotating share", lo=0.0, hi=1.0).named("rho")}
+    made = rolls._copy(rolls.signals, law_data=replace(rolls.law_data, beside=beside))
+    block, at, constants = fit_log._settled(made, {"rho": "6 %"})
+    assert (at, constants) == ({}, {})
+    assert block.law_data.beside["rho"].value == pytest.approx(0.06)
+    assert made.law_data.beside["rho"].value == 0.05
+    with pytest.raises(BadInput):
+        fit_log._settled(made, {"rho": "2"})
+
+
+def recorded(time, **columns):
+    cells = {n: np.array(v, float) for n, v in columns.items()}
+    units = {"v": "km/h", "x": "m/s", "torque": "kN m", "slope": "1"}
+    made = Table("log.csv", cells, {n: units.get(n, "1") for n in cells}, range(len(time)))
+    rows = np.arange(len(time))
+    return Recording("log.csv", np.array(time, float), made, rows, gap=1.0)
+
+
+def test_a_record_is_what_was_measured_and_every_input():
+    """By its own name; what was not measured stands still at its value, of the block or told."""
+    log = recorded([0, 0.5, 1.0, 4.0, 4.5], v=[36, 18, np.nan, 9, 3.6], torque=[1, 2, 3, 4, 5])
+    name, found = fit_log._record(rolls, log, "", {"T": "torque"}, {}, "hold")
+    assert name == "v"
+    assert found.source == "log.csv"
+    assert found.time.tolist() == [0, 0.5, 1.0, 4.0, 4.5]
+    assert found.measured[[0, 1, 3, 4]].tolist() == pytest.approx([10, 5, 2.5, 1])
+    assert np.isnan(found.measured[2])
+    assert found.inputs["T"].tolist() == [1000, 2000, 3000, 4000, 5000]
+    assert found.inputs["slope"].tolist() == [0.5] * 5
+    assert found.begins == (3,)
+    assert any("empty" in note for note in log.notes)
+    assert any(note.startswith("1 gap") for note in log.notes)
+    _, found = fit_log._record(rolls, log, "v", {"T": "torque"}, {"slope": 0.25}, "hold")
+    assert found.inputs["slope"].tolist() == [0.25] * 5
+    log = recorded([0, 2, 4], v=[1, 2, 3])
+    _, found = fit_log._record(rolls, log, "", {}, {}, "hold")
+    assert found.begins == (1, 2)
+    assert found.inputs["T"].tolist() == [2.0] * 3
+    assert any(note.startswith("2 gaps") for note in log.notes)
+    assert fit_log._record(rolls, recorded([0, 0.5], v=[1, 2]), "", {}, {}, "hold")[1].begins == ()
+
+
+def test_which_column_was_measured_is_asked_where_it_is_not_told():
+    both = recorded([0, 0.5], v=[1, 2], x=[1, 2])
+    with pytest.raises(BadInput, match="--map"):
+        fit_log._record(rolls, both, "", {}, {}, "hold")
+    assert fit_log._record(rolls, both, "x", {}, {}, "hold")[0] == "x"
+    with pytest.raises(BadInput, match="--map"):
+        fit_log._record(rolls, recorded([0, 0.5], torque=[1, 2]), "", {}, {}, "hold")
+    with pytest.raises(Faults):
+        fit_log._record(rolls, recorded([0, 0.5], v=[1, 2]), "", {"T": "never"}, {}, "hold")
+
+
+def test_times_between_which_a_log_is_fitted_rise():
+    assert fit_log._ends("12s:95s") == (12.0, 95.0)
+    assert fit_log._ends("1 min:2 min") == (60.0, 120.0)
+    for wrong in ("12s", "1s:2s:3s", "2s:1s", "1s:1s", "1m:2m"):
+        with pytest.raises(BadInput):
+            fit_log._ends(wrong)
+
+
+# ---- sweeps side by side -------------------------------------------------------------------------
+
+
+@pytest.fixture
+def swept(tmp_path, monkeypatch):
+    """A sweep whose runs are not made here."""
+    asked: dict[str, Any] = {}
+
+    def made(failed=(), drawn=True):
+        return SimpleNamespace(
+            failed=dict(failed), runs=[1, 2, 3], kept="", plan=SimpleNamespace(drawn=drawn),
+            save=lambda path: asked.setdefault("saved", []).append(path),
+        )  # fmt: skip
+
+    loops = {"pid": "PID", "sta": "STA"}
+    case = SimpleNamespace(loops=loops, scenario=SimpleNamespace(name="base"), known="KNOWN")
+    study = SimpleNamespace(name="toy", signals="SIGNALS", limits={"slip": 1.0}, ensembles={})
+    request = SimpleNamespace(study=study, settings=["K=1"], swaps=["a=b"])
+    found = {"pid": made(), "sta": made()}
+
+    def run(loop, *given, **more):
+        asked.setdefault("runs", []).append((loop, given, more))
+        return found["pid" if loop == "PID" else "sta"]
+
+    state = {"together": False}
+    monkeypatch.setattr(sweep, "_asked", lambda options: (request, case, state["together"]))
+    monkeypatch.setattr(sweep, "_refuse_overruled", lambda *a: asked.__setitem__("overruled", a))
+    monkeypatch.setattr(sweep, "sweep", run)
+    monkeypatch.setattr(sweep, "page", lambda found, command: f"page of {list(found)} {command}")
+    monkeypatch.setattr(sweep, "report", lambda one: "REPORT")
+    monkeypatch.setattr(sweep, "spread", lambda one: {"runs": len(one.runs)})
+    monkeypatch.setattr(sweep, "head_lines", lambda one: ["head", "second"])
+    monkeypatch.setattr(sweep.sweep_export, "check", lambda path: None)
+    options = SimpleNamespace(
+        name="toy:pid", out=str(tmp_path / "o"), export="", varied=["K=1:2"], samples=3, seed=4,
+        design="lhs", logs=["v"], jobs=5, no_compile=True, scheduler=None, mixed=False, json=False,
+        quiet=True,
+    )  # fmt: skip
+    (tmp_path / "o").mkdir()
+    return SimpleNamespace(options=options, asked=asked, found=found, made=made, state=state,
+                           case=case, study=study, out=tmp_path / "o", loops=loops)  # fmt: skip
+
+
+def test_a_sweep_of_one_loop_is_asked_what_the_line_says(swept, capsys):
+    swept.case.loops = {"pid": "PID"}
+    assert sweep.answer(swept.options, "CMD") == 0
+    ((loop, given, more),) = swept.asked["runs"]
+    assert loop == "PID"
+    assert given == (swept.case.scenario, ["K=1:2"], swept.out)
+    more.pop("progress")
+    assert more == {
+        "samples": 3, "seed": 4, "design": "lhs", "signals": "SIGNALS", "known": "KNOWN",
+        "logs": ["v"], "jobs": 5, "compile": False, "world": None, "scheduler": "", "mixed": False,
+        "about": {"loop": "toy:pid", "set": ["K=1"], "swapped": ["a=b"], "command": "CMD",
+                  "limits": {"slip": 1.0}},
+    }  # fmt: skip
+    out = capsys.readouterr().out
+    assert out == f"REPORT\n\n{swept.out / 'report.html'}\n"
+    assert (swept.out / "report.html").read_text() == "page of ['pid'] CMD"
+    swept.options.export = "x.nc"
+    sweep.answer(swept.options, "CMD")
+    assert swept.asked["saved"] == ["x.nc"]
+    assert capsys.readouterr().out.split() == ["REPORT", "x.nc", str(swept.out / "report.html")]
+    swept.options.json = True
+    sweep.answer(swept.options, "CMD")
+    assert json.loads(capsys.readouterr().out) == {"runs": 3}
+
+
+def test_runs_that_failed_and_samples_of_nothing_are_said(swept, capsys, caplog):
+    swept.case.loops = {"pid": "PID"}
+    swept.found["pid"] = swept.made({7: "why"}, drawn=False)
+    with caplog.at_level(logging.WARNING, "slipctl"):
+        assert sweep.answer(swept.options, "CMD") == 1
+    text = caplog.text
+    assert "--samples 3" in text
+    assert "1 of 3 runs failed" in text
+    assert "run 7: why" in text
+    caplog.clear()
+    swept.options.samples = 1
+    sweep.answer(swept.options, "CMD")
+    assert "--samples" not in caplog.text
+
+
+def test_loops_together_have_folders_of_their_own(swept, capsys, monkeypatch):
+    swept.state["together"] = True
+    told = []
+    monkeypatch.setattr(sweep, "_tell_together", lambda *a: told.append(a))
+    assert sweep.answer(swept.options, "CMD") == 0
+    assert [given[2] for _, given, _ in swept.asked["runs"]] == [swept.out / n for n in swept.loops]
+    ((_, found, places, out),) = told
+    assert list(found) == ["pid", "sta"]
+    assert places == {n: swept.out / n for n in swept.loops}
+    assert out == swept.out
+    swept.options.export = "x.nc"
+    with pytest.raises(BadInput):
+        sweep.answer(swept.options, "CMD")
+
+
+def test_loops_together_are_told_side_by_side(swept, capsys, monkeypatch):
+    out, options = swept.out, swept.options
+    places = {n: out / n for n in swept.loops}
+    rows = [("a", True), ("b", False), ("c", True)]
+    monkeypatch.setattr(sweep.compare, "read", lambda path: f"read {path}")
+    monkeypatch.setattr(sweep.compare, "metric_rows",
+                        lambda sides: {"base": (sides, rows)})  # fmt: skip
+    monkeypatch.setattr(sweep.compare, "tells_apart", lambda row: row[1])
+    monkeypatch.setattr(sweep.compare, "metric_tables",
+                        lambda names, told: [f"{names} {told}"])  # fmt: skip
+    monkeypatch.setattr(sweep.compare, "metric_rows", lambda sides: {"base": rows})
+    swept.found["sta"].kept = "kept 2 s"
+    sweep._tell_together(options, swept.found, places, out)
+    parts = capsys.readouterr().out.rstrip("\n").split("\n\n")
+    assert parts[0].split("\n")[1] == "second"
+    assert str(out) in parts[0]
+    assert "2 loops, 3 runs each" in parts[0]
+    assert parts[1] == "sta  kept 2 s"
+    assert "slipctl compare" in parts[-1]
+    alone = {"pid": swept.found["pid"]}
+    sweep._tell_together(options, alone, {"pid": out / "pid"}, out)
+    parts = capsys.readouterr().out.rstrip("\n").split("\n\n")
+    assert parts[1:] == ["REPORT"]
+    options.json = True
+    sweep._tell_together(options, swept.found, places, out)
+    assert json.loads(capsys.readouterr().out) == {"pid": {"runs": 3}, "sta": {"runs": 3}}
+
+
+def test_without_a_range_the_ensemble_of_the_study_is_drawn(swept, monkeypatch, caplog):
+    made = []
+
+    def world(*given, **more):
+        made.append((given, more))
+        return SimpleNamespace(notes=("a note",), ensemble=None)
+
+    monkeypatch.setattr(sweep, "World", world)
+    with pytest.raises(BadInput, match="--vary"):
+        sweep._world(swept.study, swept.case, "pid", swept.options)
+    swept.study.ensembles = {"base": "ENSEMBLE"}
+    with caplog.at_level(logging.WARNING, "slipctl"):
+        sweep._world(swept.study, swept.case, "pid", swept.options)
+    more = {"signals": "SIGNALS", "known": "KNOWN", "seed": 4, "compile": False}
+    assert made == [(("PID", swept.case.scenario, "ENSEMBLE"), more)]
+    assert "a note" in caplog.text
+
+
+# ---- maps ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def mapped(tmp_path, monkeypatch):
+    number = lambda value: SimpleNamespace(value=value)  # noqa: E731
+    system = SimpleNamespace(numbers={"a": number(1.0), "b": number(None), "c": number(3.0)})
+    asked: dict[str, Any] = {}
+    axes = [SimpleNamespace(name=n, values=lambda many, n=n: f"{many} of {n}") for n in "ab"]
+    monkeypatch.setattr(certify_loop, "_asked", lambda options: (
+        lambda point: (system, {"c": 4.0}), "WHAT"))  # fmt: skip
+    monkeypatch.setattr(certify_loop.maps, "read_axes",
+                        lambda *a: asked.__setitem__("axes", a) or axes)  # fmt: skip
+
+    @dataclass(frozen=True)
+    class Map:
+        """A map."""
+
+        levels: Any = None
+
+    def drawn(at, axes, what, points, cores, tell):
+        tell(0.5)
+        asked["drawn"] = (axes, what, points)
+        return Map()
+
+    monkeypatch.setattr(certify_loop.maps, "drawn_map", drawn)
+    monkeypatch.setattr(certify_loop.maps, "write", lambda *a: asked.__setitem__("write", a) or [
+        "one.svg", "two.json"])  # fmt: skip
+    monkeypatch.setattr(certify_loop.maps, "text", lambda found: f"MAP {found.levels}")
+    monkeypatch.setattr(certify_loop, "Cores", lambda many: nullcontext("CORES"))
+    monkeypatch.setattr(certify_loop, "_measured", lambda o, axes, given: asked.__setitem__(
+        "measured", (axes, given)) or ("MEASURED", "METRIC", ("p", "q")))  # fmt: skip
+    monkeypatch.setattr(
+        certify_loop, "levels", lambda *a: asked.__setitem__("levels", a) or "LEVELS"
+    )
+    monkeypatch.setattr(certify_loop.machine, "cores", lambda: 7)
+    options = SimpleNamespace(map=["a=1:2", "b=3:4"], system="toy:pid", out=str(tmp_path / "m"),
+                              metric=None, points=5, quiet=True)  # fmt: skip
+    return SimpleNamespace(options=options, asked=asked, axes=axes, system=system, out=tmp_path)
+
+
+def test_a_map_has_its_axes_and_files(mapped):
+    text = certify_loop.map_answer(mapped.options, "CMD")
+    assert text == "MAP None\n\none.svg\ntwo.json"
+    assert mapped.asked["axes"] == (mapped.options.map, mapped.system, {"a": 1.0, "c": 4.0})
+    assert mapped.asked["drawn"] == (mapped.axes, "WHAT", 5)
+    _, folder, command = mapped.asked["write"]
+    assert (folder, command) == (mapped.out / "m", "CMD")
+    assert "levels" not in mapped.asked
+    mapped.options.out = str(mapped.out / "m.json")
+    with pytest.raises(BadInput):
+        certify_loop.map_answer(mapped.options, "CMD")
+
+
+def test_a_map_with_a_metric_has_its_levels(mapped, monkeypatch):
+    mapped.options.metric = "distance"
+    assert certify_loop.map_answer(mapped.options, "CMD").startswith("MAP LEVELS")
+    assert mapped.asked["measured"] == (mapped.axes, {"c": 4.0})
+    assert mapped.asked["levels"][:6] == ("MEASURED", "METRIC", ("p", "q"), "5 of a", "5 of b", 7)
+    monkeypatch.chdir(mapped.out)
+    mapped.options.out = None
+    certify_loop.map_answer(mapped.options, "CMD")
+    assert mapped.asked["write"][1] == Path("out/map_toy_pid")
+
+
+def test_only_loops_have_metrics_on_a_map(monkeypatch):
+    loops = {"toy:pid"}
+    monkeypatch.setattr(certify_loop, "is_loop", lambda name: name in loops)
+    for metric, system in (("never", "toy:pid"), ("distance", "sta")):
+        with pytest.raises(BadInput):
+            certify_loop._measured(SimpleNamespace(metric=metric, system=system), [], {})
+    gains = SimpleNamespace(loop="pid")
+    study = SimpleNamespace(controller="ctl", signals="SIGNALS")
+    case = SimpleNamespace(scenario="SCENARIO", known="KNOWN")
+    asked = []
+    monkeypatch.setattr(certify_loop, "one", lambda name: (gains, None))
+    monkeypatch.setattr(certify_loop, "find", lambda name: (study, []))
+    monkeypatch.setattr(certify_loop.Request, "of", lambda *a: asked.append(a) or SimpleNamespace(
+        chosen=("LOOP", case)))  # fmt: skip
+    monkeypatch.setattr(certify_loop, "places", lambda *a: ("places", *a))
+    monkeypatch.setattr(certify_loop, "Measured", lambda *a: ("measured", *a))
+    options = SimpleNamespace(metric="distance", system="toy:pid", settings=["K=1"])
+    axes = [SimpleNamespace(name=n) for n in "ab"]
+    assert certify_loop._measured(options, axes, {"c": 1}) == (
+        ("measured", "LOOP", "SCENARIO", "SIGNALS", "KNOWN"), "distance",
+        ("places", "LOOP", "ctl", ["a", "b"], {"c": 1}),
+    )  # fmt: skip
+    assert asked == [(study, "pid", ["K=1"])]
