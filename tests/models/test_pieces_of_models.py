@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from decimal import Decimal
+from decimal import Decimal, Overflow
 from fractions import Fraction
 from types import SimpleNamespace
 
@@ -12,23 +12,34 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from slipctl import BadInput, Input, Output, law
+from slipctl import BadInput, Input, Output, Param, law
 from slipctl.certify.cells import mode_runs
 from slipctl.certify.cells.mode_cells import ModeLoop
 from slipctl.certify.entries import DoesNotHold
 from slipctl.certify.ticks.tick_code import code_of_function
-from slipctl.models.bounded_error.certificate import interval_systems, lagged_maps
+from slipctl.models.bounded_error.certificate import (
+    bounded_error,
+    interval_systems,
+    lagged_maps,
+)
 from slipctl.models.bounded_error.certificate.scalar_maps import AtanhPull
 from slipctl.models.cheng_2022 import freight_traction
-from slipctl.models.cheng_2022.certificate import dither_push, seeking_kind, sliding_seeker
+from slipctl.models.cheng_2022.certificate import (
+    dither_push,
+    dithering_kind,
+    seeking_kind,
+    sliding_seeker,
+)
 from slipctl.models.cheng_2022.certificate.dither import Loop, basis_at
 from slipctl.models.cheng_2022.certificate.sliding_seeker import Seeker
 from slipctl.models.huang_2020 import subway_braking
 from slipctl.models.sensors import speed_of_wheels
-from slipctl.models.vehicle import cars
+from slipctl.models.super_twisting.certificate import super_twisting_kind
+from slipctl.models.vehicle import cars, control, of_study, trip
 from slipctl.models.vehicle.air import valve_control
 from slipctl.models.vehicle.certificate import slide_tick
 from slipctl.models.vehicle.parts import Pads
+from slipctl.models.vehicle.slip import train_reference
 from slipctl.models.wang_2025.certificate import higher_order
 from slipctl.models.zhang_2021.certificate import prescribed_performance
 
@@ -527,3 +538,215 @@ def test_a_command_behind_a_lag_is_the_mean_of_the_tick(lag, dead):
     exact = lagged_maps.lag_numbers(Decimal(str(lag)), Decimal(str(T)), dead)
     assert float(exact[0]) == pytest.approx(E, rel=1e-14)
     assert exact[4] == dead
+
+
+# ---- numbers and parts of vehicles ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rail", ["dry", "wet", "ice"])
+def test_the_best_slip_of_a_rail_is_where_its_curve_is_highest(rail):
+    curve = subway_braking.double_exponential
+    slip, mu = trip.best(curve, rail)
+    p = subway_braking.TABLE_1[rail]
+    values = p["c"] * (np.exp(-p["a"] * SLIPS) - np.exp(-p["b"] * SLIPS))
+    assert slip == pytest.approx(SLIPS[values.argmax()], abs=1e-3)
+    assert mu == pytest.approx(values.max(), rel=1e-6)
+
+
+def test_the_best_slip_of_a_ratio_is_below_one_and_of_a_speed_at_ten():
+    @law(mu=Output("1", "adhesion", positive="braking"), conditions={"one": {"c": 0.25}})
+    def by_ratio(lam=Input("1", "slip ratio", positive="braking"),
+                 v=Input("m/s", "speed"), c=Param("1", 0.5, "place")):  # fmt: skip
+        """A parabola whose place goes with the speed."""
+        return 0.3 - (lam - c * v / 10) ** 2
+
+    assert trip.best(by_ratio, "one") == (pytest.approx(0.25, abs=1e-6), pytest.approx(0.3))
+
+
+def test_what_an_axle_gets_that_cannot_be_relied_on(monkeypatch):
+    def of(safe, mode):
+        return control.safe_output(SimpleNamespace(control=SimpleNamespace(safe=safe),
+                                                   vehicle=SimpleNamespace(mode=mode)))  # fmt: skip
+
+    assert of("", "brake") == "demand"
+    assert of("", "drive") == 0.0
+    for safe in ("demand", "hold"):
+        assert of(safe, "brake") == of(safe, "drive") == safe
+    found = of("2 kN m", "brake")
+    assert found == 2000.0
+    assert isinstance(found, float)
+
+
+def test_a_law_that_is_searched_goes_from_a_braking_slip_alone():
+    part = SimpleNamespace(law="subway_braking.double_exponential", start={})
+    curve, begin = control.law_and_guess(part)
+    assert curve is not None
+    assert set(begin) == {"c", "a", "b"}
+    part.start = {"a": 0.7}
+    _, changed = control.law_and_guess(part)
+    assert changed == {"c": float(curve.params["c"].value), "a": 0.7,
+                       "b": float(curve.params["b"].value)}  # fmt: skip
+    for name in ("falling_creep", "never"):
+        part.law = name
+        with pytest.raises(BadInput):
+            control.law_and_guess(part)
+
+
+@pytest.mark.parametrize(("plan", "ahead"), [(p, a) for p in (False, True) for a in (False, True)])
+def test_an_axle_of_a_train_has_the_parts_of_its_reference(monkeypatch, plan, ahead):
+    monkeypatch.setattr(train_reference, "train_reference", lambda trip, part: "REFERENCE")
+    monkeypatch.setattr(train_reference, "filling_rate", lambda trip: 5e3)
+    part = SimpleNamespace(plan=plan, ahead=ahead, slip=0.15)
+    parts, wires, where = train_reference.parts_of_train_slip(
+        SimpleNamespace(actuator=SimpleNamespace(dead_time=0.06)), part
+    )
+    wanted = {"reference.v": "trust.v", "reference.mu": "sample.mu", "reference.v_s": "sample.v_s"}
+    if plan:
+        wanted |= {"reference.value": "plan.value", "reference.rate": "plan.rate"}
+    assert parts["reference"] == "REFERENCE"
+    if not ahead:
+        assert (list(parts), wires, where) == (["reference"], wanted, "reference.v_best")
+        return
+    assert (list(parts), where) == (["reference", "fill"], "fill.v_best")
+    wanted |= {"fill.v": "trust.v", "fill.v_s": "sample.v_s", "fill.own": "reference.v_best",
+               "fill.ahead": "rail.ahead"}  # fmt: skip
+    assert wires == wanted
+    values = {n: float(v) for n, v in parts["fill"].param_values().items()}
+    assert (values["slip"], values["rate"], values["dead"]) == (0.15, 5e3, 0.06)
+
+
+def test_numbers_of_a_file_are_in_the_unit_of_their_signal():
+    speed, share = Param("m/s", 1.0, "speed").named("v"), Param("1", 1.0, "share").named("k")
+    assert of_study.in_unit("36 km/h", speed) == pytest.approx(10.0)
+    assert of_study.in_unit(3, share) == 3.0
+    assert isinstance(of_study.in_unit(3, share), float)
+    for wrong, signal in ((3, speed), (True, share), (None, share), ("3 s", speed), ({}, share)):
+        with pytest.raises(BadInput):
+            of_study.in_unit(wrong, signal)
+
+
+# ---- super-twisting and seekers ------------------------------------------------------------------
+
+
+def test_gains_that_a_double_cannot_tell_apart_are_refused():
+    good = {"k1": F(2), "k2": F(3), "L": F(1), "delta": F(0)}
+    kind = super_twisting_kind
+    kind._guard(good)
+    kind._guard({**good, "k2": F(1)})  # the same is told
+    kind._guard({**good, "k1": F(10**30), "L": F(1, 10**30)})
+    for name in good:
+        for far in (F(10**30) + 1, F(1, 10**30) / 2, F(-1)):
+            with pytest.raises(BadInput, match=name):
+                kind._guard({**good, name: far})
+    for one, two in (("k2", "L"), ("k1", "delta")):
+        with pytest.raises(BadInput, match=f"{one} and {two}"):
+            kind._guard({**good, one: F(2), two: F(2) + F(1, 10**30)})
+
+
+@pytest.mark.parametrize("name", list(super_twisting_kind.SIDES))
+def test_a_gain_below_what_is_left_of_it_has_one_inequality(name):
+    """Else those of the criterion, of k1 less delta."""
+    criterion = super_twisting_kind._named(name)
+    n = {"k1": F(5), "k2": F(3), "L": F(1), "delta": F(1)}
+    sides = criterion.sides(n)
+    assert sides[0].holds()
+    own = super_twisting_kind.SIDES[name](F(4), F(3), F(1))
+    assert [s.holds() for s in sides[1:]] == [s.holds() for s in own]
+    assert len(sides) > 1
+    for delta in (F(5), F(6)):
+        (side,) = criterion.sides({**n, "delta": delta})
+        assert not side.holds()
+    assert criterion.proves == ("settles",)
+
+
+def test_numbers_of_a_proof_are_written_shortest():
+    for text in ("0.1", "-2.5", "1e-09", "0.0", "1000000.0", "-1000000.0"):
+        assert dithering_kind._decimal(text, "P") == float(text)
+    for wrong in ("0.10", "1", "1e6", "1000000.1", "nan", "inf", "x", "", 0.1, None,
+                  "0." + "1" * 40):  # fmt: skip
+        with pytest.raises(BadInput, match="P"):
+            dithering_kind._decimal(wrong, "P")
+
+
+# ---- errors inside bounds ------------------------------------------------------------------------
+
+
+@pytest.fixture
+def bounded(monkeypatch):
+    """Errors of a law whose pieces are words, and what was asked of the replays."""
+    asked = []
+    for name in ("find_drift", "replay_drift", "replay", "replay_path", "check_polygons",
+                 "find_polygons", "witness"):  # fmt: skip
+        monkeypatch.setattr(
+            bounded_error.interval_systems, name,
+            lambda *a, name=name: asked.append((name, a)) or {"find_drift": None, "replay": 4,
+                                                             "replay_path": 6}.get(name, name),
+        )  # fmt: skip
+    number = lambda value: lambda n, as_: value  # noqa: E731
+    made = bounded_error.BoundedError(
+        leaves="it leaves", bounds="band", unit="1/s", outward=" outwards", push=lambda n: 0.5,
+        ticks=lambda n, as_: {"start": lambda k: ("tick", k), "middle": lambda k: ("last", k)},
+        lagged=lambda n, as_: {"start": "LAGGED"},
+        polygon_laws=lambda n, as_: (SimpleNamespace(r=n.get("r", 1), dead=n.get("left", 0)), "S"),
+        start=number("START"), step=number("STEP"),
+    )  # fmt: skip
+    monkeypatch.setattr(bounded_error, "Interval", lambda a, b: ("interval", a, b))
+    return SimpleNamespace(made=made, asked=asked)
+
+
+N = {"T": F(1, 2), "lag": F(0), "dead": F(0)}
+LATE = {**N, "lag": F(1)}
+
+
+def test_errors_without_a_lag_are_replayed_by_their_ticks(bounded):
+    made, asked = bounded.made, bounded.asked
+    refuters = made.refuters()
+    assert list(refuters) == ["drift", "run", "run_behind_the_actuator"]
+    assert [(r.target, r.find, r.replay) for r in refuters.values()] == [
+        ("stays", made._drift, made._replay_drift), ("stays", made._run, made._replay),
+        ("stays", made._run_behind, made._replay_behind),
+    ]  # fmt: skip
+    assert made._replay(N, "RUN") == "it leaves after 2 s"
+    ((name, (entry, laws, starts, step)),) = asked
+    assert (name, entry, step) == ("replay", "RUN", "STEP")
+    assert list(laws) == list(starts) == ["start", "middle"]
+    assert starts["start"] == "START"
+    assert "it leaves" in made._replay_drift(N, "DRIFT")
+    assert asked[1] == ("replay_drift", ("DRIFT", ("last", 0)))
+    for n, replay in ((LATE, made._replay), (N, made._replay_behind), (N, made._check_polygon)):
+        with pytest.raises(DoesNotHold):
+            replay(n, "RUN")
+    assert made._run(LATE) is None
+    assert made._run_behind(N) is None
+    assert made._find_polygon(N) is None
+
+
+def test_errors_behind_an_actuator_are_replayed_by_their_path(bounded):
+    made, asked = bounded.made, bounded.asked
+    assert made._replay_behind(LATE, "RUN") == "it leaves after 3 s"
+    ((name, (entry, laws, _, step)),) = asked
+    assert (name, entry, laws, step) == ("replay_path", "RUN", {"start": "LAGGED"}, "STEP")
+    made._check_polygon(LATE, "GIVEN")
+    name, (own, standing, start, step, given) = asked[-1]
+    assert (name, standing, start, step, given) == ("check_polygons", "S", "START", "STEP", "GIVEN")
+    assert own.r == 1
+    made._check_polygon({**LATE, "r": 2}, "GIVEN")
+    with pytest.raises(DoesNotHold):
+        made._check_polygon({**LATE, "r": 2, "left": 1}, "GIVEN")
+    assert made._find_polygon({**LATE, "r": 2, "left": 1}) is None
+    assert made._find_polygon(LATE) == "find_polygons"
+    evidence = made.polygon()
+    assert (evidence.find, evidence.check) == (made._find_polygon, made._check_polygon)
+
+
+def test_numbers_that_are_too_large_prove_nothing(bounded, monkeypatch):
+    def overflows(*_):
+        raise Overflow
+
+    made = bounded.made
+    for name in ("replay", "replay_path", "replay_drift", "check_polygons"):
+        monkeypatch.setattr(bounded_error.interval_systems, name, overflows)
+    for n, replay in ((N, made._replay), (N, made._replay_drift), (LATE, made._replay_behind),
+                      (LATE, made._check_polygon)):  # fmt: skip
+        with pytest.raises(DoesNotHold):
+            replay(n, "RUN")
