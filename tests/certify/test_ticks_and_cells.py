@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from functools import partial
 from itertools import product
 
 import casadi as ca
@@ -41,6 +42,7 @@ from slipctl.certify.smooth.sampled_loop import (
     residuals,
 )
 from slipctl.certify.smooth.sums import NoProof
+from slipctl.certify.ticks import tick_sets, tick_source
 from slipctl.certify.ticks.tick_code import (
     CodeWriter,
     OpenJump,
@@ -810,3 +812,184 @@ def test_runs_that_are_no_numbers_any_more_are_over():
     low, high = search.runs(starts[1:2], signs[1:2])
     assert (low[0], high[0]) == ([1], [1])
     assert search.visited == []
+
+
+# ---- what a tick may use -------------------------------------------------------------------------
+
+
+def scaled(value, gain=0.5, *, offset=0):
+    """A function that a tick may use."""
+    return gain * value + offset
+
+
+NOTES = ["a list"]
+
+
+def with_list(value):
+    """It looks at what may change."""
+    return value * len(NOTES)
+
+
+def unset():
+    """A function whose name of an outer one has no value."""
+
+    def tick(n, x, d):
+        return {"x": x["x"] * later}
+
+    if NOTES is None:
+        later = 1
+    return tick
+
+
+GOOD = [
+    partial(scaled, gain=0.25), partial(scaled, 1, offset=F(1, 2)), (1, 2.0, "a", None, (F(1),)),
+    frozenset({1, 2}), scaled, lambda n, x, d: {"x": scaled(x["x"])}, sgn, abs, F,
+    lambda n, x, d, table=(1, (2, 3)): {"x": x["x"] * table[0]},
+    lambda n, x, d: {"x": math.pi * x["x"]}, lambda n, x, d: {"x": max(v for v in x.values())},
+]  # fmt: skip
+
+BAD = [
+    partial(with_list), partial(scaled, gain=[1]), partial(print), partial(scaled, NOTES),
+    (1, [2]), (1, (2, {})), frozenset({print}), with_list, print, [1], {}, np.float64(1), object(),
+    1j, b"a", unset(), lambda n, x, d: {"x": never},  # noqa: F821
+    lambda n, x, d, table=(1, [2]): {"x": x["x"]}, lambda n, x, d, *, k=NOTES: {"x": x["x"]},
+    lambda n, x, d: {"x": with_list(x["x"])}, lambda n, x, d: {"x": math.floor(x["x"])},
+    lambda n, x, d: {"x": np.abs(x["x"])}, lambda n, x, d: {"x": open("a")},  # noqa: SIM115
+    lambda n, x, d: {"x": x["x"].numerator}, math, lambda n, x, d: {"x": math},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("given", GOOD, ids=range(len(GOOD)))
+def test_numbers_and_functions_of_numbers_may_be_used(given):
+    tick_source._inspect(given, "the tick", set())
+
+
+@pytest.mark.parametrize("given", BAD, ids=range(len(BAD)))
+def test_what_may_change_or_is_not_known_may_not_be_used(given):
+    with pytest.raises(BadInput):
+        tick_source._inspect(given, "the tick", set())
+
+
+def test_a_function_that_calls_itself_is_looked_at_once():
+    def odd(k):
+        return even(k - 1)
+
+    def even(k):
+        return odd(k - 1)
+
+    seen: set[int] = set()
+    tick_source._inspect(odd, "the tick", seen)
+    assert seen == {id(odd), id(even)}
+
+
+GROUPS = ((), ("x",), ("w",))
+
+
+def test_each_way_through_a_tick_is_read_once():
+    """Questions in questions: eight ways, and the one that a run takes."""
+
+    def tick(n, x, d):
+        at = x["x"]
+        if at > 2:
+            return {"x": at - 2 if d["w"] > 0 else at - 1}
+        if at < -2:
+            return {"x": at + (3 if d["w"] > 0 else 4)}
+        return {"x": 0 if at else 5}
+
+    code = code_of_tick(tick, GROUPS, ("x",))
+    for x, w in product((F(-7, 2), F(-2), F(0), F(1), F(2), F(3)), (F(-1), F(0), F(1))):
+        (low, high) = enclosure(code, (x, w))["x"]
+        assert low == high == tick({}, {"x": x}, {"w": w})["x"]
+
+
+def test_a_tick_gives_its_states_and_no_other():
+    for tick in (
+        lambda n, x, d: {"x": x["x"], "y": x["x"]}, lambda n, x, d: {},
+        lambda n, x, d: {"x": "a"}, lambda n, x, d: {"x": None}, lambda n, x, d: x["x"],
+        lambda n, x, d: {"x": x["x"] ** 17}, lambda n, x, d: {"x": x["x"] ** -1},
+        lambda n, x, d: {"x": x["x"] ** x["x"]}, lambda n, x, d: {"x": x["x"] ** True},
+        lambda n, x, d: {"x": pow(x["x"], 2, 3)}, lambda n, x, d: {"x": x["never"]},
+    ):  # fmt: skip
+        with pytest.raises(BadInput):
+            code_of_tick(tick, GROUPS, ("x",))
+    powers = code_of_tick(lambda n, x, d: {"x": x["x"] ** 5 + d["w"] ** 0}, GROUPS, ("x",))
+    assert enclosure(powers, (F(3, 2), F(7)))["x"] == (F(3, 2) ** 5 + 1,) * 2
+
+
+def test_a_loop_that_never_ends_is_refused(monkeypatch):
+    monkeypatch.setattr(tick_source, "MOST_QUESTIONS", 300)
+    monkeypatch.setattr(tick_source, "MOST_PATHS", 20)
+
+    def never(n, x, d):
+        at = x["x"]
+        while at > 0:
+            at = at + 1
+        return {"x": at}
+
+    def many(n, x, d):
+        return {"x": sum(1 if x["x"] > k else 0 for k in range(30))}
+
+    for tick in (never, many):
+        with pytest.raises(BadInput):
+            code_of_tick(tick, GROUPS, ("x",))
+
+
+def test_a_tick_that_keeps_what_it_was_asked_is_noticed():
+    """Another question where it is called again; of ways that differ in depth too."""
+    writer = CodeWriter(["a", "b"])
+    joined = tick_source._joined
+    ways = [([(0, True)], {"y": 0}), ([(0, False)], {"y": 1})]
+    at = joined(writer, ways, "y")
+    assert writer.steps[at - 2] == ("choose", 0, 0, 1)
+    same = [([(0, True)], {"y": 1}), ([(0, False)], {"y": 1})]
+    assert joined(writer, same, "y") == 1
+    assert joined(writer, [([], {"y": 1})], "y") == 1
+    for wrong in ([([(0, True)], {"y": 0}), ([(1, False)], {"y": 1})],
+                  [([(0, True)], {"y": 0}), ([], {"y": 1})], [([(0, True)], {"y": 0})],
+                  [([(0, True), (1, True)], {"y": 0}), ([(0, False)], {"y": 1})]):  # fmt: skip
+        with pytest.raises(BadInput):
+            joined(writer, wrong, "y")
+
+
+def test_ranges_of_a_loop_are_its_numbers_or_their_opposites():
+    n = {"a": F(1, 2), "b": F(3), "k": F(7)}
+    assert tick_sets._range("a", n) == (F(-1, 2), F(1, 2))
+    assert tick_sets._range(("a", "b"), n) == (F(1, 2), F(3))
+    assert tick_sets._range(("a", "a"), n) == (F(1, 2), F(1, 2))
+    with pytest.raises(BadInput):
+        tick_sets._range(("b", "a"), n)
+
+
+def test_a_loop_is_asked_for_whole_ticks():
+    loop = tick_sets.Loop(lambda n, x, d: x, {"x": "a"}, {}, {"x": "b"}, within="k")
+    assert loop.ticks({"k": F(7)}, 100) == 7
+    assert loop.ticks({"k": F(700)}, 100) == 100
+    for wrong in (F(0), F(-1), F(1, 2), F(3, 2)):
+        with pytest.raises(BadInput):
+            loop.ticks({"k": wrong}, 100)
+    forever = tick_sets.Loop(lambda n, x, d: x, {"x": "a"}, {}, {"x": "b"})
+    assert forever.ticks({}, 100) == 100
+
+
+def test_a_sum_of_other_numbers_or_a_wider_box_is_refused():
+    loop = tick_sets.Loop(lambda n, x, d: {"x": n["g"] * x["x"] + d["w"]}, {"x": "a"}, {"w": "W"},
+                          {"x": "b"})  # fmt: skip
+    n = {"g": F(1, 2), "a": F(1), "W": F(1, 8), "b": F(2)}
+    sampled, cell, bounds = loop.sampled(n)
+    assert (sampled.states, sampled.pushes, sampled.slow) == (("x",), ("w",), tuple(n))
+    assert cell.slow == tuple((v, v) for v in n.values())
+    assert (bounds.push, bounds.start) == ((F(1, 8),), (F(1),))
+    loop._keeps(n, cell, [F(2)])
+    for found, most in ((cell, [F(2) + F(1, 10**9)]),
+                        (Cell(cell.slow, (F(1),), cell.moves), [F(1)]),
+                        (loop.sampled({**n, "g": F(1, 3)})[1], [F(1)])):  # fmt: skip
+        with pytest.raises(DoesNotHold):
+            loop._keeps(n, found, most)
+    evidence = loop.criteria(n)["sums"].evidence
+    entry = evidence.find(n)
+    evidence.check(n, entry)
+    for name, value in (("b", F(5, 4)), ("W", F(1)), ("a", F(3)), ("g", F(3, 4))):
+        with pytest.raises((DoesNotHold, BadInput)):
+            evidence.check({**n, name: value}, entry)
+    assert evidence.find({k: v for k, v in n.items() if k != "b"}) is None
+    assert evidence.find({**n, "b": F(9, 8)}) is None
