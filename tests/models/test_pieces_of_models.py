@@ -34,11 +34,11 @@ from slipctl.models.cheng_2022.certificate.dither import Loop, basis_at
 from slipctl.models.cheng_2022.certificate.sliding_seeker import Seeker
 from slipctl.models.huang_2020 import subway_braking
 from slipctl.models.sensors import speed_of_wheels
-from slipctl.models.super_twisting.certificate import super_twisting_kind
+from slipctl.models.super_twisting.certificate import super_twisting_kind, twisting_sampled
 from slipctl.models.vehicle import cars, control, of_study, trip
 from slipctl.models.vehicle.air import valve_control
-from slipctl.models.vehicle.certificate import slide_tick
-from slipctl.models.vehicle.parts import Pads
+from slipctl.models.vehicle.certificate import gains, slide_tick
+from slipctl.models.vehicle.parts import Pads, SlipRatio, SlipSpeed
 from slipctl.models.vehicle.slip import train_reference
 from slipctl.models.wang_2025.certificate import higher_order
 from slipctl.models.zhang_2021.certificate import prescribed_performance
@@ -750,3 +750,116 @@ def test_numbers_that_are_too_large_prove_nothing(bounded, monkeypatch):
                       (LATE, made._check_polygon)):  # fmt: skip
         with pytest.raises(DoesNotHold):
             replay(n, "RUN")
+
+
+# ---- half turns and ticks of a plan --------------------------------------------------------------
+
+
+@pytest.fixture
+def planned(monkeypatch):
+    """Half turns and rows that are words; their grids have so many parts."""
+    asked = []
+    falls = [True]
+
+    class Rows:
+        """Rows after so many ticks."""
+
+        def __init__(self, grid, ticks=0, of="levels"):
+            self.grid, self.ticks, self.of = grid, ticks, of
+
+        def tick(self):
+            return Rows(self.grid, self.ticks + 1, self.of)
+
+        def finer(self, factor):
+            asked.append(("finer", factor))
+            grid = SimpleNamespace(parts=self.grid.parts * factor, height=None)
+            return Rows(grid, self.ticks, self.of)
+
+        def largest(self):
+            return ("largest", self.grid.parts, self.ticks, self.of)
+
+        def widest(self):
+            return ("widest", self.grid.parts, self.ticks, self.of)
+
+    class Sweep:
+        def __init__(self, grid, most):
+            self.grid, self.most = grid, list(most)
+            asked.append(("sweep", grid.parts, list(most)))
+
+        def falls(self):
+            return falls[0]
+
+        def bounds(self):
+            return ("bounds", self.grid.parts, self.most)
+
+        def rows(self):
+            return Rows(self.grid, 0, f"crossing {self.most}")
+
+    sampled = twisting_sampled
+    monkeypatch.setattr(sampled, "Grid", lambda law, parts, bits: SimpleNamespace(
+        parts=parts, height=F(1, parts), law=law, bits=bits))  # fmt: skip
+    monkeypatch.setattr(sampled, "sweep", Sweep)
+    monkeypatch.setattr(sampled, "cost", lambda grid, most: len(most))
+    monkeypatch.setattr(sampled, "_work", lambda rows: 1.0)
+    monkeypatch.setattr(sampled, "MOST_WORK", 10)
+    levels = SimpleNamespace(law="LAW", kept=F(4), rows=Rows)
+    return SimpleNamespace(asked=asked, falls=falls, levels=levels, Rows=Rows)
+
+
+def test_half_turns_follow_each_other_from_the_polygon_on(planned):
+    """Each begins with what the one before leads to; rows begin at the last crossing."""
+    replay, levels = twisting_sampled.replay, planned.levels
+    assert replay(levels, ((2, 8, 5),), ()) == ("bounds", 2, [8, 5])
+    assert replay(levels, ((2, 8, 5), (4, 10, 7)), ()) == ("bounds", 4, [10, 7])
+    assert replay(levels, ((2, 7, 5),), ()) is None  # 7/2 is less than 4
+    assert replay(levels, ((2, 8, 5), (4, 9, 7)), ()) is None  # 9/4 is less than 5/2
+    planned.falls[0] = False
+    assert replay(levels, ((2, 8, 5),), ()) is None
+    planned.falls[0] = True
+    assert replay(levels, ((2, 8, 5),), ((4, 3),)) == (
+        ("largest", 4, 3, "crossing [10]"), ("widest", 4, 3, "crossing [10]"))  # fmt: skip
+    assert replay(levels, (), ()) is None
+
+
+def test_ticks_of_a_plan_are_made_in_finer_and_finer_rows(planned):
+    replay, levels = twisting_sampled.replay, planned.levels
+    assert replay(levels, (), ((2, 3),)) == (
+        ("largest", 2, 3, "levels"), ("widest", 2, 3, "levels"))  # fmt: skip
+    assert replay(levels, (), ((2, 3), (6, 4)))[0] == ("largest", 6, 7, "levels")
+    assert planned.asked == [("finer", 3)]
+    assert replay(levels, (), ((2, 3), (5, 1))) is None
+    assert replay(levels, (), ((2, 20),)) is not None
+    assert replay(levels, (), ((2, 21),)) is None  # it takes too much
+    assert replay(levels, ((2, 8, 5),), ((2, 19),)) is None
+    assert replay(levels, ((2, 8, 5),), ((2, 18),)) is not None
+    assert replay(levels, ((1, *range(25, 4, -1)),), ()) is None
+
+
+def test_rows_that_overflow_prove_nothing(planned):
+    class Over:
+        def __init__(self, grid):
+            raise OverflowError
+
+    planned.levels.rows = Over
+    assert twisting_sampled.replay(planned.levels, (), ((2, 3),)) is None
+
+
+def test_a_certificate_goes_to_the_slip_that_its_reference_says():
+    at = {"c": 1.0, "a": 0.54, "b": 1.2}
+    rail = subway_braking.double_exponential
+    goal = gains._goal(rail, "dry", at, 20.0, SlipSpeed(slip=0.8))
+    assert goal == 0.8
+    assert gains._goal(rail, "dry", at, 20.0, SlipRatio(slip=0.05)) == pytest.approx(1.0)
+    with pytest.raises(BadInput):
+        gains._goal(rail, "dry", at, 20.0, SlipRatio(slip=(0.05, 0.06)))
+    searched = gains._goal(rail, "dry", at, 20.0, SimpleNamespace())
+    assert searched == pytest.approx(math.log(1.2 / 0.54) / (1.2 - 0.54), abs=1e-3)
+
+    @law(mu=Output("1", "adhesion", positive="braking"), conditions={"one": {"c": 0.25}})
+    def by_ratio(lam=Input("1", "slip ratio", positive="braking"),
+                 c=Param("1", 0.5, "place")):  # fmt: skip
+        """A parabola of the ratio."""
+        return 0.3 - (lam - c) ** 2
+
+    found = gains._goal(by_ratio, "one", {"c": 0.25}, 20.0, SimpleNamespace())
+    assert found == pytest.approx(5.0, abs=1e-4)

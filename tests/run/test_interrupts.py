@@ -186,3 +186,27 @@ def test_what_an_interrupt_left_half_made_is_not_told(monkeypatch) -> None:
         assert sys.unraisablehook is interrupts._unraisable
         assert not interrupts._State.stopped
     assert sys.unraisablehook is before
+
+
+def test_an_interrupt_that_nobody_hears_comes_again_by_itself() -> None:
+    """After a tenth of a second, to who listens; a note of it stops that."""
+    began = time.monotonic()
+    done = []
+
+    def work() -> None:
+        with raise_interrupts():
+            swallowed()
+            time.sleep(5)
+            done.append("it goes on")
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert time.monotonic() - began < 3
+    assert done == []
+    with raise_interrupts():
+        swallowed()
+        note_interrupt()
+        assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+    with suppress(KeyboardInterrupt), hold_interrupts():
+        interrupt()  # nobody listens: no alarm is set
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
