@@ -13,13 +13,25 @@ import re
 from fractions import Fraction
 from functools import reduce
 from itertools import pairwise
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from slipctl.certify import smtlib
+from slipctl.certify import boundary, registry, smtlib
+from slipctl.certify.arithmetic.decimal_intervals import Interval
 from slipctl.certify.entries import DoesNotHold
+from slipctl.certify.promise import (
+    CERTIFIED,
+    REFUTED,
+    UNDECIDED,
+    Criterion,
+    Evidence,
+)
+from slipctl.certify.systems import Side
 from slipctl.errors import BadInput
-from slipctl.models.huang_2020.certificate import relay_proof
+from slipctl.models.cheng_2022.certificate.ball import Ball
+from slipctl.models.huang_2020.certificate import relay_proof, rls_kind
 from slipctl.models.huang_2020.certificate.relay_sets import Absorbing, Relay
 from slipctl.models.zhang_2021.certificate import filter_kind
 
@@ -311,7 +323,7 @@ def test_the_step_of_a_relay_behind_a_lag_is_that_of_its_tick(polygon):
         left = ((moved[1][0] - moved[0][0]) - n * lag) / (m - n * lag)
         assert float(left) == pytest.approx(E, abs=1e-14)
         ends.append(left)
-        for _ in range(8):
+        for _ in range(4):
             corner = rng.choice([p for p in polygon if p[0] > 0])
             lam = F(rng.randint(8, 16), 8)
             share = F(rng.randint(0, 9), 8)
@@ -366,3 +378,198 @@ def test_polygons_of_a_relay_with_one_entry_altered_are_refused(polygon):
     for key in entry:
         with pytest.raises(BadInput):
             relay_proof._check(RELAY, {k: v for k, v in entry.items() if k != key})
+
+
+# ---- registers, ends of a number, balls ----------------------------------------------------------
+
+
+def test_two_systems_have_two_names(monkeypatch):
+    """The same one may be entered again; one that is made here is not of the house."""
+    monkeypatch.setattr(registry, "SYSTEMS", {})
+    house = list(registry._OF_THE_HOUSE)
+    one, two = SimpleNamespace(name="one"), SimpleNamespace(name="one")
+    assert registry.register(one) is one
+    assert registry.register(one) is one
+    assert {"one": one} == registry.SYSTEMS
+    with pytest.raises(ValueError, match="one"):
+        registry.register(two)
+    assert {"one": one} == registry.SYSTEMS
+    assert house == registry._OF_THE_HOUSE
+    assert not registry.of_the_house(one)
+
+
+def test_systems_of_the_house_are_those_of_this_package(monkeypatch):
+    monkeypatch.setattr(registry, "SYSTEMS", {})
+    monkeypatch.setattr(registry, "_OF_THE_HOUSE", [])
+    monkeypatch.setattr(registry.registry, "entries",
+                        lambda kind: {"a": SimpleNamespace(value="mine.models")})  # fmt: skip
+    for k, (home, own) in enumerate((("slipctl.certify.cells", True), ("mine.models.x", True),
+                                     ("slipctl.certify", False), ("mine.modelsx.y", False),
+                                     ("other.slipctl.certify.x", False))):  # fmt: skip
+        made = SimpleNamespace(name=str(k))
+        exec("register(made)", {"__name__": home, "register": registry.register, "made": made})
+        assert registry.of_the_house(made) == own, home
+
+
+def test_systems_of_loops_are_known_and_some_are_proved_last(monkeypatch):
+    monkeypatch.setattr(registry, "OF_LOOPS", {})
+    monkeypatch.setattr(registry, "PROVED_LAST", [])
+    one, two = SimpleNamespace(name="one"), SimpleNamespace(name="two")
+    registry.register_of_loop(one)
+    registry.register_of_loop(two, proved_last=True)
+    registry.register_of_loop(two, proved_last=True)
+    assert {"one": one, "two": two} == registry.OF_LOOPS
+    assert registry.PROVED_LAST == ["two"]
+    other = SimpleNamespace(name="one")
+    registry.register_of_loop(other)
+    assert registry.OF_LOOPS["one"] is other
+
+
+def test_a_criterion_without_inequalities_holds_where_its_evidence_is_found():
+    made = lambda found: Criterion("t", evidence=Evidence(lambda n: found, None))  # noqa: E731
+    assert made({"a": 1}).holds({})
+    assert made({}).holds({})
+    assert not made(None).holds({})
+    assert not Criterion("t").holds({})
+    sides = lambda n: [Side("a", 0, n["a"]), Side("b", 0, n["b"])]  # noqa: E731
+    for a, b in ((1, 1), (1, -1), (-1, 1)):
+        assert Criterion("t", sides).holds({"a": F(a), "b": F(b)}) == (a > 0 and b > 0)
+
+
+@pytest.fixture
+def scale(monkeypatch):
+    """A system that is certified up to a number, refuted from another on, refused from a third."""
+    limits = {"good": 3.0, "bad": 5.0, "no": 1e9, "fails": None}
+    asked = []
+    units = {"W": SimpleNamespace(unit="m", low="positive"),
+             "T": SimpleNamespace(unit="s", low="positive"),
+             "x": SimpleNamespace(unit="1", low="any")}  # fmt: skip
+    system = SimpleNamespace(numbers=units, name="own")
+
+    def at(point):
+        return system, {"W": F(1), "T": F(1, 100), **point}
+
+    def exact(there, given):
+        value = float(given.get("W", 1))
+        if value > limits["no"]:
+            raise BadInput("no")
+        return {k: F(str(v)) if not isinstance(v, F) else v for k, v in given.items()}
+
+    def decide(there, asked_):
+        value = float(asked_["W"])
+        asked.append(value)
+        if limits["fails"] and value > limits["fails"]:
+            raise ArithmeticError
+        up = limits["good"] < limits["bad"]
+        verdict = UNDECIDED
+        if (value <= limits["good"]) if up else (value >= limits["good"]):
+            verdict = CERTIFIED
+        elif (value >= limits["bad"]) if up else (value <= limits["bad"]):
+            verdict = REFUTED
+        return SimpleNamespace(verdict=verdict)
+
+    monkeypatch.setattr(boundary, "exact_numbers", exact)
+    monkeypatch.setattr(boundary.proofs, "decide", decide)
+    return SimpleNamespace(at=at, limits=limits, asked=asked)
+
+
+@pytest.mark.parametrize(("good", "bad"), [(3.0, 5.0), (40.0, 41.0), (0.01, 0.02), (0.3, 900.0)])
+def test_the_largest_number_is_found_on_both_sides(scale, good, bad):
+    """Within the share; what is certified is, and what is refuted is."""
+    scale.limits |= {"good": good, "bad": bad}
+    found = boundary.farthest(scale.at, "W", True, 0.02)
+    assert good / 1.0201 <= found.certified <= good
+    assert bad <= found.refuted <= bad * 1.0201
+    assert (found.name, found.unit, found.up) == ("W", "m", True)
+    tried = [v for v, _ in found.tried]
+    assert tried == sorted(set(tried))
+    assert sorted(scale.asked) == tried  # each once
+    for value, verdict in found.tried:
+        assert verdict == (CERTIFIED if value <= good else REFUTED if value >= bad else UNDECIDED)
+
+
+def test_the_smallest_number_is_found_on_both_sides(scale):
+    scale.limits |= {"good": 0.5, "bad": 0.25}
+    found = boundary.farthest(scale.at, "W", False, 0.02)
+    assert 0.5 <= found.certified <= 0.5 * 1.0201
+    assert 0.25 / 1.0201 <= found.refuted <= 0.25
+    assert found.up is False
+
+
+def test_what_is_refused_or_breaks_is_neither(scale):
+    scale.limits |= {"good": 3.0, "bad": 8.0, "no": 4.0}
+    found = boundary.farthest(scale.at, "W", True, 0.02)
+    assert found.refuted is None
+    assert 3 / 1.0201 <= found.certified <= 3
+    assert max(v for v, _ in found.tried) <= 4
+    scale.limits |= {"no": 1e9, "fails": 6.0}
+    found = boundary.farthest(scale.at, "W", True, 0.02)
+    assert found.refuted is None
+    assert dict(found.tried)[8.0] == UNDECIDED
+    scale.limits |= {"no": 0.5}
+    with pytest.raises(BadInput):
+        boundary.farthest(scale.at, "W", True, 0.02)
+    scale.limits |= {"no": 1e9}
+    for name in ("never", "x"):  # a number of any sign has no end that is doubled
+        with pytest.raises(BadInput):
+            boundary.farthest(scale.at, name, True, 0.02)
+
+
+def test_balls_around_zero_divide_nothing_and_others_hold_their_quotient():
+    one, two = (Ball(np.array(m), np.array(r)) for m, r in (([2.0, -3.0], [0.5, 0.25]),
+                                                          ([4.0, -8.0], [1.0, 0.5])))  # fmt: skip
+    found = one.over(two)
+    for k in range(2):
+        for s, t in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+            value = (one.mid[k] + s * one.rad[k]) / (two.mid[k] + t * two.rad[k])
+            assert found.low()[k] <= value <= found.high()[k]
+    for mid, rad in (([1.0, 0.5], [0.0, 0.5]), ([0.0, 1.0], [0.0, 0.0]), ([1.0, -1.0], [0.1, 2.0])):
+        with pytest.raises(ZeroDivisionError):
+            one.over(Ball(np.array(mid), np.array(rad)))
+    rest = 5.0 - one
+    assert (rest.low() <= 5 - one.mid - one.rad).all()
+    assert (rest.high() >= 5 - one.mid + one.rad).all()
+    assert rest.mid.tolist() == [3.0, 8.0]
+
+
+# ---- quiet samples of a window -------------------------------------------------------------------
+
+
+def grown(**run):
+    """Replay of windows and quiet samples, of a covariance that grows by half in each."""
+    n = {"samples": F(4), "forgetting": F(1, 2), "limit": F(100), "P": F(1), "least": F(1)}
+    n |= {k: v for k, v in run.items() if k in n}
+    told = {"windows": 1, "quiet": 3} | {k: v for k, v in run.items() if k in ("windows", "quiet")}
+    return rls_kind._replay_growth(n, told)
+
+
+@pytest.fixture
+def covariance(monkeypatch):
+    asked = []
+    monkeypatch.setattr(rls_kind, "without_checksum", lambda n, run, names, where: run)
+    monkeypatch.setattr(rls_kind, "_allowed_quiet", lambda n: 6)
+    monkeypatch.setattr(rls_kind.rls_covariance, "covariance_after", lambda n, windows, still: (
+        asked.append((windows, still)) or Interval.of(2 * windows + still, 60)))  # fmt: skip
+    return asked
+
+
+def test_quiet_samples_are_no_more_than_are_allowed(covariance):
+    """The last window counts three of its four itself; its excitation has to be known."""
+    assert "3 samples" in grown(quiet=3)  # ln 100 = 4.6 < 2 + 3
+    assert covariance == [(1, 3)]
+    for wrong in ({"quiet": 4}, {"quiet": 2}, {"quiet": -1}, {"windows": -1}, {"windows": 1.5},
+                  {"least": F(0)}, {"windows": 0, "quiet": 7},
+                  {"windows": 0, "quiet": 4}):  # fmt: skip
+        with pytest.raises((DoesNotHold, BadInput)):
+            grown(**wrong)
+    assert "window" not in grown(windows=0, quiet=6)
+    assert "window" not in grown(windows=0, quiet=6, least=F(0))
+
+
+def test_without_forgetting_only_the_start_exceeds_a_limit(covariance):
+    good = {"forgetting": F(1), "windows": 0, "quiet": 0, "P": F(101)}
+    assert grown(**good)
+    assert covariance == []
+    for wrong in ({"P": F(100)}, {"windows": 1}, {"quiet": 1}):
+        with pytest.raises(DoesNotHold):
+            grown(**{**good, **wrong})

@@ -16,7 +16,8 @@ import pytest
 
 from slipctl.block import portable
 from slipctl.errors import BadInput, RunFailed
-from slipctl.run import build, machine
+from slipctl.run import build, machine, store
+from slipctl.run.logs import log_signals
 from slipctl.run.sweep import cluster, sweep_store
 
 # ---- a store -------------------------------------------------------------------------------------
@@ -426,3 +427,100 @@ def test_what_cannot_be_compiled_goes_on_without(tmp_path, monkeypatch, caplog):
     assert list((tmp_path / "cache").iterdir()) == []
     monkeypatch.setattr(build, "compiler", lambda: None)
     assert build.compile_roller(f, 3) is None
+
+
+# ---- one writer of a folder ----------------------------------------------------------------------
+
+
+locks = pytest.mark.skipif(store.fcntl is None, reason="this system has no locks of folders")
+
+
+@locks
+def test_a_folder_has_one_writer_until_it_is_closed(tmp_path):
+    with store.FolderLock(tmp_path) as first:
+        assert first._handle in store._HELD
+        with pytest.raises(BadInput):
+            store.FolderLock(tmp_path)
+        (tmp_path / "other").mkdir()
+        store.FolderLock(tmp_path / "other").close()
+    assert first._handle is None
+    again = store.FolderLock(tmp_path)
+    again.close()
+    again.close()  # once more changes nothing
+    store.FolderLock(tmp_path).close()
+    assert list(tmp_path.iterdir()) == [tmp_path / "other"]
+
+
+@locks
+def test_a_drive_without_locks_refuses_nobody(tmp_path, monkeypatch):
+    held = set(store._HELD)
+    closed = []
+    real = os.close
+    monkeypatch.setattr(store.os, "close", lambda handle: closed.append(handle) or real(handle))
+
+    def none(*_):
+        raise OSError(95, "not supported")
+
+    monkeypatch.setattr(store.fcntl, "flock", none)
+    lock = store.FolderLock(tmp_path)
+    assert lock._handle is None
+    assert len(closed) == 1
+    assert held == store._HELD
+    lock.close()
+    monkeypatch.setattr(store, "fcntl", None)
+    assert store.FolderLock(tmp_path)._handle is None
+    assert len(closed) == 1
+
+
+@locks
+def test_a_process_that_is_forked_keeps_no_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(store, "_HELD", set())
+    lock = store.FolderLock(tmp_path)
+    handle = lock._handle
+    assert {handle} == store._HELD
+    store._give_up()
+    assert set() == store._HELD
+    with pytest.raises(OSError, match="descriptor"):
+        os.fstat(handle)
+    lock.close()
+    store.FolderLock(tmp_path).close()  # it is free
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before(tmp_path, monkeypatch):
+    store.check_folder(tmp_path / "a" / "b")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "file").write_text("x", encoding="utf-8")
+    for place in (tmp_path / "file", tmp_path / "file" / "b"):
+        with pytest.raises(BadInput, match="not a folder"):
+            store.check_folder(place)
+    monkeypatch.setattr(store.os, "access", lambda place, how: place != tmp_path)
+    with pytest.raises(BadInput, match="no permission"):
+        store.check_folder(tmp_path / "a")
+
+
+def test_formats_of_files_are_numbers_up_to_ours():
+    for good in (1, store.FORMAT, np.int64(1), np.float64(store.FORMAT)):
+        store.check_format("a file", good)
+    for wrong in (None, "1", 1.5, np.float64(1.5), store.FORMAT + 1, [1]):
+        with pytest.raises(BadInput, match="a file"):
+            store.check_format("a file", wrong)
+
+
+# ---- columns at ticks ----------------------------------------------------------------------------
+
+
+def test_a_column_is_held_between_its_samples_and_told_where_it_says_nothing(monkeypatch):
+    log = SimpleNamespace(time=np.array([0.0, 1.0, 2.0, 3.0]))
+    source = object.__new__(log_signals.Source)
+    values = np.array([5.0, np.nan, 7.0, np.inf])
+    monkeypatch.setattr(log_signals.Source, "values", lambda self, log: values)
+    ticks = np.array([0.0, 0.5, 1.5, 2.0, 2.5])
+    keep = np.array([True, True, True, True, False])
+    found = source.at(log, ticks, "hold", keep)
+    assert found[:4].tolist() == [5, 5, 5, 7]
+    assert np.isnan(found[4])
+    found = source.at(log, ticks, "linear", keep)
+    assert found[:4].tolist() == [5, 5.5, 6.5, 7]
+    values = np.full(4, np.nan)
+    assert np.isnan(source.at(log, ticks, "hold", keep)).all()
+    assert len(source.at(log, ticks, "hold", keep)) == 5

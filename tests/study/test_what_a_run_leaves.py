@@ -516,3 +516,15 @@ def test_parameters_stand_once_and_where_they_differ(monkeypatch):
     line = json.loads(provenance.stamp(made, "CMD"))
     assert line["format"] == store.FORMAT
     assert line["command"] == "CMD"
+
+
+def test_a_loop_of_a_study_and_its_parts_are_blocks(monkeypatch):
+    asked = []
+    monkeypatch.setattr(resolve, "load_study", lambda name: asked.append(name) or "STUDY")
+    monkeypatch.setattr(resolve, "find_loop", lambda study, name: ((study, name), "CASE"))
+    monkeypatch.setattr("slipctl.run.logs.replay.part_of", lambda loop, path: (loop, path))
+    monkeypatch.setattr(resolve, "has_study", lambda name: name == "mine.py")
+    assert resolve.load_block("toy:pid") == ("STUDY", "pid")
+    assert resolve.load_block("toy:pid.ctl.law") == (("STUDY", "pid"), "ctl.law")
+    assert resolve.load_block("mine.py:pid") == ("STUDY", "pid")
+    assert asked == ["toy", "toy", "mine.py"]
