@@ -99,21 +99,21 @@ def name_and_unit(head: str) -> tuple[str, str]:
         if re.match(r"[x*×·/]\s*\d", inner[3]):  # of v [km/h] *10 nobody can read the unit
             return inner[1], f"{inner[2]} {inner[3]}"
         return f"{inner[1]} {inner[3]}", inner[2]
+    spoken = re.fullmatch(r"(.+?)\s+in\s+\(?(\S+?)\)?", head)
+    if spoken and (spoken[2] == "-" or is_unit(spoken[2]) or is_offset(spoken[2])):
+        return spoken[1], "1" if spoken[2] == "-" else spoken[2]
     if match and match[1].strip():
         said = next(g for g in match.groups()[1:] if g is not None).strip()
         name = match[1].strip().removesuffix("/").rstrip() if "(" in head else match[1].strip()
         if times := re.fullmatch(r"(.*[^\s*×])\s*([*×]\s*\d\S*)", name):  # nor of v*10 [km/h]
             name, said = times[1], f"{said} {times[2]}"
         return name, "1" if said in ("", "-", "--", "1") else said
-    match = re.fullmatch(r"(.+?)\s+in\s+\(?(\S+)\)?", head)
-    if match and (match[2] == "-" or is_unit(match[2]) or is_offset(match[2])):
-        return match[1], "1" if match[2] == "-" else match[2]
+    match = _BLANK.match(head)
+    if match and (match[2] or match[3]) in SURE and match[1][-1] not in ",/":
+        return match[1], match[2] or match[3]  # before the next: of v km/h the unit is not h
     match = _SPOKEN.match(head)
     if match and (match[2] in SURE or match[2] in LETTERS):
         return match[1].strip(), match[2]
-    match = _BLANK.match(head)
-    if match and (match[2] or match[3]) in SURE:
-        return match[1].strip(), match[2] or match[3]
     return head, ""
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slipctl import fit, from_text
-from slipctl.commands.fit import model_text
+from slipctl import Input, Output, Param, fit, from_text, law
+from slipctl.commands.fit import figure, model_text
 from slipctl.models.huang_2020.subway_braking import double_exponential
 
 EQUATION = "y = c*(1 - exp(-k*u)) + d + 0*b*k where c = 2, k = 1 s, u [1/s], d = 0, b [1/s] = c/k"
@@ -67,3 +67,38 @@ def test_a_parameter_that_is_as_it_was_hides_none_behind_it():
     text = model_text(found, base, said, "slipctl fit it")
     rows = {k.split("=")[0].strip() for k in text.splitlines() if "#" in k}
     assert rows == {"c", "d"}
+
+
+@law(y=Output("m", "height"))
+def plane(u=Input("s", "time"), w=Input("1", "share"), a=Param("m/s", 1.0, "slope"),
+          b=Param("m", 1.0, "other slope")):  # fmt: skip
+    """A plane over time and share."""
+    return a * u + b * w
+
+
+@pytest.mark.parametrize("still", [True, False])
+@pytest.mark.parametrize("wide", [True, False])
+def test_the_figure_of_a_fit_has_points_curve_and_residuals(still, wide):
+    """A line where nothing else varies; else a mark at each point."""
+    u = np.geomspace(0.01, 9, 20) if wide else np.linspace(0.1, 9, 20)
+    w = np.full(20, 0.5) if still else np.linspace(0, 1, 20)
+    measured = 2 * u + 3 * w + 0.01 * np.sin(7 * u)
+    found = fit(plane, {"u": u, "w": w, "y": measured}, ["a"] if still else ["a", "b"])
+    fig = figure(found, "a title")
+    above, below = fig.axes[:2]
+    points, fitted = above.get_lines()
+    assert points.get_linestyle() == "None"
+    np.testing.assert_allclose(points.get_ydata(), measured)
+    x, y = np.asarray(fitted.get_xdata()), np.asarray(fitted.get_ydata())
+    if still:
+        assert (x[0], x[-1], len(x)) == (pytest.approx(u.min()), pytest.approx(u.max()), 400)
+        np.testing.assert_allclose(y, [float(found.law(u=a, w=0.5)["y"]) for a in x])
+        steps = np.diff(np.log(x) if wide else x)
+        np.testing.assert_allclose(steps, steps[0], rtol=1e-6)
+    else:
+        np.testing.assert_allclose(x, u)
+        np.testing.assert_allclose(y, measured - found.residuals)
+        assert fitted.get_marker() == "x"
+    np.testing.assert_allclose(below.get_lines()[0].get_ydata(), found.residuals)
+    assert below.get_xscale() == ("log" if wide else "linear")
+    assert {t.get_text() for t in above.get_legend().get_texts()} == {"measured", "fitted"}

@@ -6,11 +6,13 @@ import os
 import time
 from multiprocessing.context import ForkProcess
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run.results import LeftToFull, NotRun
+from slipctl.study import jobs
 from slipctl.study.declaration import Context
 from slipctl.study.jobs import Cores, available, run_jobs
 
@@ -254,3 +256,185 @@ def test_no_job_waits_for_what_is_done_meanwhile() -> None:
 def test_no_core_is_refused() -> None:
     with pytest.raises(BadInput, match="--jobs 0: write how many"):
         Cores(0)
+
+
+# ---- in the process of a job ---------------------------------------------------------------------
+
+
+class Pipe:
+    """An end of a pipe that keeps what is sent; it takes so many messages at most."""
+
+    def __init__(self, names=(), fails=None):
+        self.sent, self.names, self.fails, self.closed = [], list(names), fails, False
+
+    def send(self, what):
+        if self.fails is not None and what[0] == "done":
+            fails, self.fails = self.fails, None
+            raise fails
+        self.sent.append(what)
+
+    def recv(self):
+        if not self.names:
+            raise EOFError
+        return self.names.pop(0)
+
+    def close(self):
+        self.closed = True
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+
+def test_what_a_job_gives_is_sent_with_how_far_it_is_now_and_then(monkeypatch) -> None:
+    """At most ten times in a second, from the first one on."""
+    now = iter([10.0, 10.0, 10.05, 10.1, 10.2, 10.2, 10.25])
+    monkeypatch.setattr(jobs.time, "monotonic", lambda: next(now))
+
+    def job(tell):
+        for share in (0.1, 0.2, 0.3, 0.4, 0.5):
+            tell(share)
+        return "done"
+
+    pipe = Pipe()
+    jobs._send(job, pipe)
+    assert [s for kind, s in pipe.sent if kind == "share"] == [0.1, 0.4]
+    kind, outcome = pipe.sent[-1]
+    assert kind == "done"
+    assert outcome.get() == "done"
+
+
+def test_a_result_that_cannot_be_sent_is_a_failed_job() -> None:
+    pipe = Pipe(fails=TypeError("cannot pickle"))
+    jobs._send(lambda tell: 1, pipe)
+    ((kind, outcome),) = pipe.sent
+    assert kind == "done"
+    with pytest.raises(RunFailed, match="cannot pickle"):
+        outcome.get()
+    with pytest.raises(ConnectionError):  # the parent is gone: nobody is told
+        jobs._send(lambda tell: 1, Pipe(fails=BrokenPipeError()))
+
+
+@pytest.mark.parametrize("error", [ValueError, SystemExit, GeneratorExit])
+def test_whatever_breaks_is_said_where_it_broke(error) -> None:
+    def job(tell):
+        raise error("odd")
+
+    with pytest.raises(RunFailed, match=f"{error.__name__}: odd"):
+        jobs._attempt(job, lambda share: None).get()
+
+    def left(tell):
+        raise LeftToFull("later")
+
+    outcome = jobs._attempt(left, lambda share: None)
+    assert type(outcome.error) is LeftToFull
+    assert str(outcome.error) == str(LeftToFull("later"))
+    with pytest.raises(KeyboardInterrupt):
+        jobs._attempt(lambda tell: (_ for _ in ()).throw(KeyboardInterrupt), lambda share: None)
+
+
+@pytest.fixture
+def signals(monkeypatch):
+    """Handlers by signal, of a process that is not ours."""
+    found = {}
+    monkeypatch.setattr(jobs.signal, "signal", lambda n, handler: found.__setitem__(n, handler))
+    monkeypatch.setattr(jobs.signal, "setitimer", lambda *a: found.__setitem__("timer", a),
+                        raising=False)  # fmt: skip
+    monkeypatch.setattr(jobs.signal, "pthread_sigmask", lambda *a: found.__setitem__("mask", a),
+                        raising=False)  # fmt: skip
+    monkeypatch.setattr(jobs.gc, "freeze", lambda: found.__setitem__("frozen", True))
+    return found
+
+
+def test_a_process_does_jobs_until_its_parent_has_none(signals) -> None:
+    adopted, others = [], (Pipe(), Pipe())
+    cores = SimpleNamespace(adopt=lambda: adopted.append(1))
+    pipe = Pipe(["b", "c"])
+    done = {n: (lambda tell, n=n: n * 2) for n in "abc"}
+    jobs._forked(done, "a", pipe, cores, others)
+    assert [outcome.get() for _, outcome in pipe.sent] == ["aa", "bb", "cc"]
+    assert adopted == [1]
+    assert all(p.closed for p in (pipe, *others))
+    ignored = jobs.signal.SIG_IGN
+    assert signals[jobs.signal.SIGINT] is ignored
+    assert signals[jobs.signal.SIGTERM] is ignored
+    assert signals["timer"] == (jobs.signal.ITIMER_REAL, 0.0)
+    assert signals["mask"] == (jobs.signal.SIG_UNBLOCK, jobs.STOPS)
+    assert signals["frozen"]
+
+
+def test_a_process_that_is_asked_to_leave_does_so_once_without_a_word(signals) -> None:
+    def job(tell):
+        leave = signals[jobs.signal.SIGTERM]
+        with pytest.raises(KeyboardInterrupt):
+            leave(jobs.signal.SIGTERM, None)
+        assert signals[jobs.signal.SIGTERM] is jobs.signal.SIG_IGN
+        signals[jobs.signal.SIGTERM] = None
+        leave(jobs.signal.SIGTERM, None)
+
+    pipe = Pipe(["b"])
+    jobs._forked({"a": job}, "a", pipe, SimpleNamespace(adopt=lambda: None), ())
+    assert pipe.sent == []
+    assert pipe.closed
+    assert pipe.names == ["b"]
+
+
+def test_a_process_whose_parent_is_gone_ends(signals) -> None:
+    pipe = Pipe(["b"], fails=BrokenPipeError())
+    jobs._forked({"a": lambda tell: 1}, "a", pipe, SimpleNamespace(adopt=lambda: None), ())
+    assert pipe.sent == []
+    assert pipe.closed
+
+
+def test_a_process_watches_the_first_one(monkeypatch) -> None:
+    """The end that writes is closed here; when nobody holds it any more, the process ends."""
+    watched, closed, ended = [], [], []
+
+    class Thread:
+        def __init__(self, target, daemon):
+            watched.append((target, daemon))
+
+        def start(self):
+            watched.append("started")
+
+    monkeypatch.setattr(jobs.threading, "Thread", Thread)
+    with Cores(1) as cores:
+        real = os.close
+        read, write = os.pipe()
+        cores._alive = (read, write)
+        monkeypatch.setattr(jobs.os, "close", lambda end: closed.append(end) or real(end))
+        cores.adopt()
+        assert closed == [write]
+        assert cores._alive == (read, -1)
+        cores.adopt()
+        assert closed == [write]
+        assert [w for w in watched if w != "started"] == [(cores._watch, True)] * 2
+        assert watched.count("started") == 2
+        monkeypatch.setattr(jobs.os, "_exit", ended.append)
+        cores._watch()
+        assert ended == [1]
+
+
+def test_processes_are_asked_to_end_and_then_killed(monkeypatch) -> None:
+    """All are asked before any is waited for; together they have the grace of one."""
+    done = []
+
+    class Process:
+        def __init__(self, name, alive):
+            self.name, self.alive = name, alive
+
+        def __getattr__(self, what):
+            return lambda *a: done.append((self.name, what, *a))
+
+        def is_alive(self):
+            return self.alive
+
+    now = iter([100.0, 100.0 + jobs.GRACE / 2, 100.0 + 2 * jobs.GRACE])
+    monkeypatch.setattr(jobs.time, "monotonic", lambda: next(now))
+    running = [SimpleNamespace(pipe=Pipe(), process=Process(n, n == "b")) for n in "ab"]
+    jobs._stop(running)
+    assert all(r.pipe.closed for r in running)
+    assert done == [("a", "terminate"), ("b", "terminate"), ("a", "join", jobs.GRACE / 2),
+                    ("b", "join", 0.0), ("b", "kill"), ("b", "join")]  # fmt: skip

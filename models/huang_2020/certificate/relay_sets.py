@@ -79,7 +79,7 @@ class Absorbing:
         may be anything between -1 and 1: the polygon is convex.
         """
         faces = self._faces()
-        half = upper_half(self.corners)
+        half = upper_half(self.corners) if faces else []
         if faces is None or len(half) < 3:
             return False
         (Ds, _), (Da, _) = self._whole
