@@ -33,7 +33,14 @@ STEEP = 0.01
 """Adhesion at a slip of 1e-6 m/s that is a step: of laws by Hertz and Kalker it is below 1e-4."""
 
 SPEEDS, SLIPS = 14, 600
-"""How many speeds and slips a law is asked at, by equal shares; half of the slips at a speed."""
+"""How many speeds and slips a law is asked at, by equal shares; half of the slips at a speed.
+So many speeds again are by equal steps, where a row of a table by speed may be wrong."""
+
+SLOWEST = 0.1
+"""Speed in m/s down to which a law is asked: a braked vehicle comes to a stand."""
+
+RISES = 1.2
+"""How much more a rail may carry at speed than at a quarter of it, with none of it surely odd."""
 
 NOTHING = 1e-9
 """Adhesion that is none."""
@@ -54,12 +61,12 @@ def law_faults(
         driven: whether wheels may turn faster than the vehicle runs.
     """
     for name, rows in _rows_of_law(law, conditions, speed, driven):
-        faults = [_fault(slips, mu) for slips, mu in rows]
+        faults = [_fault(*row) or _beyond(law, row[1]) for row in rows]
         fault = next(filter(None, faults), "")
         # of each speed there are two rows, of slip forward and back
         none = [
             max(a.max(), b.max()) <= NOTHING
-            for (_, a), (_, b) in zip(rows[::2], rows[1::2], strict=True)
+            for (_, a, _), (_, b, _) in zip(rows[::2], rows[1::2], strict=True)
         ]
         if not fault and any(none):
             where = "" if all(none) else ", but not at all speeds of the trip"
@@ -71,22 +78,28 @@ def law_faults(
 def highest(law: Block, speed: float, driven: bool) -> float:
     """Largest adhesion of a law with its numbers as they stand, over the speeds of a trip."""
     ((_, rows),) = _rows_of_law(law, {"": {}}, speed, driven)
-    return max(float(mu.max()) for _, mu in rows)
+    return max(float(mu.max()) for _, mu, _ in rows)
 
 
 def heights_of_law(law: Block, speed: float, driven: bool) -> dict[str, float]:
     """Largest adhesion of each condition of a law, over the slips and speeds of a trip."""
     found = _rows_of_law(law, law.conditions, speed, driven)
-    return {name: max(float(mu.max()) for _, mu in rows) for name, rows in found}
+    return {name: max(float(mu.max()) for _, mu, _ in rows) for name, rows in found}
 
 
 def _rows_of_law(
     law: Block, conditions: Mapping[str, Mapping[str, float]], speed: float, driven: bool
-) -> Iterator[tuple[str, list[tuple[np.ndarray, np.ndarray]]]]:
-    """Slips in m/s and adhesion seen against them, of each condition, by speed and direction."""
+) -> Iterator[tuple[str, list[tuple[np.ndarray, np.ndarray, str]]]]:
+    """Slips in m/s, adhesion seen against them, and at which speed, of each condition.
+
+    A row by speed and direction.
+    """
     train = on_train(law)
     curve, by_speed = law.of_equations("curve", lambda: _curve(train))
-    speeds = np.geomspace(max(speed, 1.0), 1.0, SPEEDS if by_speed else 1)
+    top = max(speed, 1.0)
+    speeds = np.array([top])
+    if by_speed:
+        speeds = np.union1d(np.geomspace(top, SLOWEST, SPEEDS), np.linspace(top, 1.0, SPEEDS))
     many = SLIPS // 2 if by_speed else SLIPS
     for name, values in conditions.items():
         known = train.param_values(**values)
@@ -97,7 +110,8 @@ def _rows_of_law(
             reach = at + BEYOND if driven and "lam" not in law.inputs else at
             slips = np.concatenate([[0.0], np.geomspace(1e-6, reach, many)])
             mu_of = np.array(curve(side * slips[None, :], at, *numbers))
-            rows.append((slips, side * mu_of.ravel()))
+            told = f" and a speed of {at:.3g} m/s" if by_speed else ""
+            rows.append((slips, side * mu_of.ravel(), told))
         yield name, rows
 
 
@@ -109,11 +123,14 @@ def _curve(train: Block) -> tuple[ca.Function, bool]:
     return ca.Function("curve", [s, v, *p.values()], [mu]), ca.depends_on(mu, v)
 
 
-def _fault(slips: np.ndarray, mu: np.ndarray) -> str:
+def _fault(slips: np.ndarray, mu: np.ndarray, told: str) -> str:
     """What is wrong with the adhesion at these slips, seen against the slip; empty if nothing."""
     if not np.isfinite(mu).all():
         at = int(np.flatnonzero(~np.isfinite(mu))[0])
-        return f"adhesion is no number at a slip of {slips[at]:.3g} m/s; write a law that is 0 at 0"
+        return (
+            f"adhesion is no number at a slip of {slips[at]:.3g} m/s{told}; write a law that is 0"
+            " at 0"
+        )
     size = SHARE * max(float(abs(mu).max()), 1.0)
     if abs(mu[0]) > size or abs(mu[1]) > STEEP:
         found = mu[0] if abs(mu[0]) > size else mu[1]
@@ -121,17 +138,42 @@ def _fault(slips: np.ndarray, mu: np.ndarray) -> str:
     if mu.min() < -size:
         at = int(np.flatnonzero(mu < 0.01 * mu.min())[0])
         return (
-            f"adhesion is {mu[at]:.3g} at a slip of {slips[at]:.3g} m/s, the wrong sign;"
+            f"adhesion is {mu[at]:.3g} at a slip of {slips[at]:.3g} m/s{told}, the wrong sign;"
             " write a law with the sign of the slip at all speeds of the trip"
         )
     if mu.max() > 1:
         at = int(np.flatnonzero(mu > 1)[0])
         percent = ", a coefficient in percent is written '30 %'" if mu.max() > 5 else ""
         return (
-            f"adhesion is above 1 from a slip of {slips[at]:.3g} m/s on, {mu.max():.3g} at most:"
+            f"adhesion is above 1 from a slip of {slips[at]:.3g} m/s{told} on, {mu.max():.3g} at"
+            " most:"
             f" more than the load of the wheel{percent}; write a law below 1"
         )
     return ""
+
+
+def _beyond(law: Block, mu: np.ndarray) -> str:
+    """What is told where adhesion, seen against the slip, is above the range that its law has."""
+    ends = abs(law.outputs["mu"].lo), abs(law.outputs["mu"].hi)
+    if mu.max() > max(ends) * (1 + SHARE):
+        return (
+            f"adhesion is {mu.max():.3g} at most, and the law's own range ends at {max(ends):.3g};"
+            " write a wider range or a lower law"
+        )
+    return ""
+
+
+def rise_with_speed(law: Block, values: Mapping[str, float], speed: float) -> tuple[float, float]:
+    """Largest adhesion of a law at any slip, at a quarter of a speed in m/s and at that speed."""
+    train = on_train(law)
+    curve, _ = law.of_equations("curve", lambda: _curve(train))
+    known = train.param_values(**values)
+    slips = np.geomspace(1e-4, speed, SLIPS)[None, :]
+    slow, fast = (
+        float(np.array(curve(slips, v, *(known[n] for n in train.params))).max())
+        for v in (speed / 4, speed)
+    )
+    return slow, fast
 
 
 # ---- of a trip ----------------------------------------------------------------------------------

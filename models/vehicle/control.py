@@ -64,6 +64,7 @@ from slipctl.models.vehicle.parts import (
     torque_of,
 )
 from slipctl.models.vehicle.parts.file_keys import with_keys
+from slipctl.models.vehicle.plant import on_train
 from slipctl.models.vehicle.ranges import of_inputs, searched_ranges, with_control_ranges
 from slipctl.models.vehicle.safe_output import (
     begun_at_torque,
@@ -161,7 +162,8 @@ def law_and_guess(part: Searched) -> tuple[Block, dict[str, float]]:
     Where a slip may be any, in a plan and for the adhesion force, it is :func:`odd_law`.
 
     Raises:
-        BadInput: no such law, or one that does not go from ``v_s`` alone; an unknown parameter.
+        BadInput: no such law, or one that does not go from ``v_s`` alone or is none of adhesion; an
+            unknown parameter.
     """
     curve = load_block(part.law)
     if set(curve.inputs) != {"v_s"} or curve.inputs["v_s"].positive == "traction":
@@ -169,6 +171,7 @@ def law_and_guess(part: Searched) -> tuple[Block, dict[str, float]]:
             f"{part.law} cannot be searched: it has the inputs {', '.join(curve.inputs)}; such a"
             " law has v_s alone, positive in braking, as double_exponential"
         )
+    on_train(curve)  # says what is wrong with it
     names = unknown_parameters(curve, None)
     if part.start:
         begin = numbers_of(curve, part.start, "start")

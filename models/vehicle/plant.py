@@ -29,6 +29,7 @@ from slipctl import (
     replicate,
     sampled,
 )
+from slipctl.block.units.unit_algebra import read_unit
 from slipctl.models.brakes import brake, brake_gain, dynamic_brake, sum_of_torques, track_brake
 from slipctl.models.common_form import T_S
 from slipctl.models.shared_names import SLOPE
@@ -46,6 +47,9 @@ from slipctl.models.zhang_2021.ep_valve import air_brake, dead_time, ep_valve
 
 ADDED = "of the vehicle"
 
+IN_UNITS = {"v_s": "m/s", "lam": "1", "v": "m/s", "mu": "1"}
+"""Units in which an adhesion law takes and gives what the wheels have."""
+
 
 def on_train(adhesion: Block) -> Block:
     """Law as a train takes it: from creep and train speed to mu, odd in the creep.
@@ -55,7 +59,7 @@ def on_train(adhesion: Block) -> Block:
             One that takes ``v_s`` and ``v`` in traction is such a law already.
 
     Raises:
-        BadInput: a law with other inputs or outputs.
+        BadInput: a law with other inputs, outputs or units, or whose equations are none.
     """
     inputs = adhesion.inputs
     slip = "lam" if "lam" in inputs else "v_s"
@@ -64,9 +68,19 @@ def on_train(adhesion: Block) -> Block:
             f"{adhesion.name} has the inputs {', '.join(inputs)}; an adhesion law has v_s or lam,"
             " and v where it needs the speed, and gives mu"
         )
+    taken = {**inputs, "mu": adhesion.outputs["mu"]}
+    for name, meant in IN_UNITS.items():
+        if name in taken and not read_unit(name, taken[name].unit).same(read_unit(name, meant)):
+            raise BadInput(
+                f"{adhesion.name}: {name} is in [{taken[name].unit}], wheels have it in [{meant}];"
+                f" declare {name} in [{meant}] and convert it in the law"
+            )
+    _ = adhesion.f  # says what is wrong with its equations
     if set(inputs) == {"v_s", "v"} and inputs["v_s"].positive == "traction":
         return adhesion
-    source = adhesion
+    source, meant_to = adhesion, adhesion.law_data.meant_to
+    if meant_to is None and np.isfinite(inputs[slip].hi):  # its range says it too
+        meant_to = inputs[slip].hi
     turn = 1 if inputs[slip].positive == source.outputs["mu"].positive else -1
 
     def body(x: Any, u: Any, p: Any) -> Any:
@@ -92,7 +106,7 @@ def on_train(adhesion: Block) -> Block:
         outputs=[Output("1", "adhesion coefficient", positive="traction").named("mu")],
         conditions=source.conditions, sx=source.sx, choices=source.choices,
         doc=f"{source.doc}\n\nOdd in the creep, traction positive.",
-        measured_to=source.law_data.measured_to, meant_to=source.law_data.meant_to,
+        measured_to=source.law_data.measured_to, meant_to=meant_to,
     )  # fmt: skip
 
 

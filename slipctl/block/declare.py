@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import inspect
+import math
 import traceback
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from slipctl.block.block import Block, Exprs, block_from
 from slipctl.block.signals import Signal
-from slipctl.errors import BadInput, check_known, check_positive, value_text
+from slipctl.errors import BadInput, check_known, check_number, check_positive, value_text
 
 _SETTINGS = (
     "period", "units", "conditions", "closed_form", "coordinates", "readings", "expects",
@@ -41,6 +42,7 @@ def _decorate(kind: str, options: dict[str, Any]) -> Callable[[Callable[..., Any
                 )
             declared.append(s.named(k))
         check_conditions(name, more.get("conditions") or {}, {s.name: s for s in declared})
+        check_reach(name, more)
         declared += [s.named(k) for k, s in outputs.items()]
 
         def body(x: Exprs, u: Exprs, p: Exprs) -> tuple[Exprs, Exprs]:
@@ -75,6 +77,17 @@ def check_conditions(
         for k, value in values.items():
             check_known(f"{name}: condition {condition!r} sets", k, known)
             known[k].check(f"{name}: condition {condition!r}: {k}", value)
+
+
+def check_reach(name: str, given: Mapping[str, Any]) -> None:
+    """Refuse a slip up to which a law was measured or is meant that is none."""
+    for key in ("measured_to", "meant_to"):
+        upto = given.get(key)
+        if upto is None:
+            continue
+        check_number(f"{name}: {key}", upto)
+        if not upto >= 0 or (key == "measured_to" and math.isinf(upto)):
+            raise BadInput(f"{name}: {key} = {upto} is no slip; write a number from 0 on")
 
 
 def _explain_truth(name: str, function: Callable[..., Any], error: RuntimeError) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -95,16 +96,36 @@ def read(name: str) -> Side:
     side = Side(name, state=str(found.get("state", "")))
     try:
         side.about = {k: _said(found[k]) for k in TOLD if k in found}
-        side.parameters = dict(found.get("parameters", {}))
+        side.parameters = {
+            loop: {n: dict(zip(("value", "unit"), _quantity(n, p), strict=True))
+                   for n, p in numbers.items()}
+            for loop, numbers in found.get("parameters", {}).items()
+        }  # fmt: skip
         for scenario, loops in found["scenarios"].items():
             for loop, metrics in loops.items():
                 rows: dict[str, np.ndarray] = {}
                 for metric, m in metrics.items():
-                    _put(side, rows, metric, m["value"], m["unit"], m.get("rows", ()))
+                    _put(side, rows, metric, *_quantity(metric, m), m.get("rows", ()))
                 side.metrics[f"{scenario}/{loop}"] = rows
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise BadInput(f"{folder / 'metrics.json'} is no file of slipctl: {error}") from None
     return side
+
+
+def _quantity(name: str, given: Mapping[str, Any]) -> tuple[Any, str]:
+    """Value and unit of a number or a list of numbers as a run writes them.
+
+    Raises:
+        ValueError: it is none, or is not finite.
+    """
+    value, unit = given["value"], given["unit"]
+    flat = [value]
+    while any(isinstance(v, list) for v in flat):
+        flat = [v for part in flat for v in (part if isinstance(part, list) else [part])]
+    real = all(v is None or (type(v) in (int, float) and abs(v) < sys.float_info.max) for v in flat)
+    if not (real and isinstance(unit, str)):
+        raise ValueError(f"{name} is no number with a unit")
+    return value, unit
 
 
 def _put(
@@ -208,7 +229,11 @@ def _row(sides: Sequence[Side], keys: Sequence[str], metric: str) -> dict[str, A
             (a_lo, a_hi), (b_lo, b_hi) = spread[0] or (first, first), spread[k] or (m, m)
             found.append((_minus(m, first), None, bool(a_hi < b_lo or b_hi < a_lo)))
     apart, paired, beyond = map(list, zip(*found, strict=True))
-    unit = next((s.units[metric] for s in sides if metric in s.units), "1")
+    units = {s.units[metric]: s.name for s in sides if metric in s.units}
+    if len(units) > 1:
+        told = ", ".join(f"in {u} in {name}" for u, name in units.items())
+        raise BadInput(f"{metric} is {told}; run one of them again")
+    unit = next(iter(units), "1")
     return {"metric": metric, "unit": unit, "values": middle, "spread": spread,
             "never": [int(np.isinf(v).sum()) for v in values], "difference": apart,
             "paired": paired, "beyond_spread": beyond}  # fmt: skip

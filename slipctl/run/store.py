@@ -215,7 +215,7 @@ def read_json(path: Path) -> dict[str, Any]:
         payload = json.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise BadInput(f"cannot read {path}: {error.strerror}") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         raise BadInput(f"{path} is no JSON file of slipctl") from None
     if not isinstance(payload, dict):
         raise BadInput(f"{path} is no JSON file of slipctl")

@@ -141,7 +141,9 @@ def load_file(path: str) -> ModuleType:
     if ONLY and place.resolve() not in ONLY[0]:
         raise BadInput(f"{path} is Python and was not named at the start; write slipctl open FILE"
                        f" --python {path}")  # fmt: skip
-    name = f"{FILE}{abs(hash(str(place.resolve())))}_{place.stem}"
+    as_it_is = place.stat()  # it may be edited while Python runs
+    key = (str(place.resolve()), as_it_is.st_mtime_ns, as_it_is.st_size)
+    name = f"{FILE}{abs(hash(key))}_{place.stem}"
     if name in sys.modules:
         return sys.modules[name]
     if place.suffix != ".py":

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from slipctl import BadInput, from_text
+from slipctl import BadInput, Input, Output, from_text, law
 from slipctl.block.reach import reach_text, slip_input
 from slipctl.block.text.equations import _lines
 from slipctl.errors import Faults
@@ -203,6 +203,16 @@ def test_a_law_says_how_far_it_reaches(measured: str, meant: str, said: str) -> 
     assert reach_text(law) == said
     if meant:
         assert law.law_data.meant_to == (math.inf if meant == "locked" else 5.0)
+
+
+@pytest.mark.parametrize("key", ["measured_to", "meant_to"])
+@pytest.mark.parametrize("upto", [-1.0, math.nan, "5"])
+def test_a_law_of_python_is_not_meant_up_to_what_is_no_slip(key: str, upto: Any) -> None:
+    with pytest.raises(BadInput, match=f"line: {key}"):
+
+        @law(mu=Output("1", "adhesion"), **{key: upto})
+        def line(v_s=Input("m/s", "slip")):
+            return 0.1 * v_s
 
 
 def test_a_law_without_slip_has_no_reach():

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from conftest import closed_loop, three_rails
 
-from slipctl import Signals, sweep
+from slipctl import BadInput, Signals, sweep
+from slipctl.commands import compare
 from slipctl.commands.cli import main
 from slipctl.run import store
 
@@ -85,3 +86,47 @@ def test_bad_folders(names: list[str], tmp_path: Path, capsys: Any) -> None:
     (tmp_path / "torn" / "metrics.json").write_text('{"format": 1, "scenarios": {"base": 3}}')
     assert main(["compare", *(str(tmp_path / n) for n in names)]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+NO_NUMBERS = {
+    "scenarios/base/sta/distance/value": ["x", True, {}, [[{}]], "1e999"],
+    "scenarios/base/sta/distance/unit": [3, None, ["m"]],
+    "scenarios/base/sta": [3, []],
+    "parameters/sta/car.m": [-1, None, "8 t"],
+    "parameters/sta/car.m/unit": [[1, 2]],
+    "parameters/sta/car.m/value": ["heavy", {}],
+    "parameters": [3, []],
+}
+"""What stands in a damaged file in place of what a run wrote, by the keys to it."""
+
+
+@pytest.mark.parametrize(("keys", "odd"), [(k, v) for k, vs in NO_NUMBERS.items() for v in vs])
+def test_damaged_metrics_are_refused_by_their_file(tmp_path: Path, keys: str, odd: Any) -> None:
+    a, b = run_folder(tmp_path / "a", 80.0, 8e3), run_folder(tmp_path / "b", 82.5, 9e3)
+    path = tmp_path / "b" / "metrics.json"
+    found = json.loads(path.read_text(encoding="utf-8"))
+    *outer, last = keys.split("/")
+    at = found
+    for key in outer:
+        at = at[key]
+    at[last] = odd
+    path.write_text(json.dumps(found), encoding="utf-8")
+    with pytest.raises(BadInput, match=r"metrics\.json is no file of slipctl"):
+        compare.read(b)
+    assert compare.read(a).units["distance"] == "m"
+
+
+@pytest.mark.parametrize("text", ["[" * 50_000, '{"format": 1, "scenarios": {}', "null"])
+def test_what_is_no_json_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "metrics.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(BadInput, match="no JSON file of slipctl"):
+        compare.read(str(tmp_path))
+
+
+def test_metrics_in_two_units_are_not_compared(tmp_path: Path) -> None:
+    a, b = run_folder(tmp_path / "a", 80.0, 8e3), run_folder(tmp_path / "b", 82.5, 8e3)
+    path = tmp_path / "b" / "metrics.json"
+    path.write_text(path.read_text(encoding="utf-8").replace('"m"', '"km"'), encoding="utf-8")
+    with pytest.raises(BadInput, match=r"distance is in m .* in km"):
+        compare.metric_rows([compare.read(a), compare.read(b)])

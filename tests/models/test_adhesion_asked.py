@@ -1,5 +1,6 @@
 """A law is asked before a run, and a run tells what no vehicle does."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,10 @@ from hypothesis import strategies as st
 
 import slipctl.models.vehicle.adhesion as adhesion
 import slipctl.models.vehicle.trip as trips
-from slipctl import simulate
+from slipctl import ranged, simulate
 from slipctl.errors import BadInput
 from slipctl.models.vehicle.adhesion import law_faults
+from slipctl.models.vehicle.parts.plausibility import unusual_numbers
 from slipctl.study.files.trip_files import load_trip
 from slipctl.study.resolve import load_block
 
@@ -81,6 +83,41 @@ LAWS = {
 def test_a_law_that_is_none_of_adhesion_is_refused_with_its_line(tmp_path, law, condition, why):
     with pytest.raises(BadInput, match=rf"line \d+: rail\.conditions\.x: adhesion is .*{why}"):
         trip(tmp_path, law=law, condition=condition)
+
+
+BY_SPEED = {
+    "a band of speed pushes": ("k*tanh(v_s/w)*(1 if abs(v - a) > b else -1)", "the wrong sign"),
+    "a band of speed is a percentage": ("k*tanh(v_s/w)*(1 if abs(v - a) > b else 30)", "above 1"),
+    "pushes just before it stands": ("k*tanh(v_s/w)*(v - b)/(v + b)", "the wrong sign"),
+    "no number just before it stands": ("k*tanh(v_s/w)*sqrt(v - b)/sqrt(v)", "no number"),
+}
+
+
+@pytest.mark.parametrize(("text", "why"), BY_SPEED.values(), ids=BY_SPEED)
+def test_a_law_is_asked_at_the_speeds_in_between_and_until_it_stands(tmp_path, text, why):
+    numbers = {"k": "0.3", "w": "0.5 m/s", "a": "12.2 m/s", "b": "0.4 m/s"}
+    used = [f"{n} = {v}" for n, v in numbers.items() if re.search(rf"\b{n}\b", text)]
+    law = f"mu = {text} where v_s [m/s], v [m/s], {', '.join(used)}"
+    with pytest.raises(BadInput, match=rf"conditions\.x: adhesion is .*{why}"):
+        trip(tmp_path, law=law, condition="k = 0.3")
+
+
+def test_a_law_above_its_own_range_is_refused():
+    law = load_block("mu = k*tanh(v_s/w) where v_s [m/s], k = 0.3, w = 0.5 m/s")
+    for top, faults in ((0.2, 1), (0.3, 0)):
+        found = law_faults(
+            ranged(law, table={"mu": (0, top, "measured")}), {"x": {}}, 10.0, driven=False
+        )
+        assert len(list(found)) == faults
+
+
+@pytest.mark.parametrize(
+    ("falls", "told"), [("v/u", 1), ("(v + u)/u/2", 1), ("u/(v + u)", 0), ("(v + u)/(v + u)", 0)]
+)
+def test_adhesion_that_rises_with_speed_is_told(tmp_path, falls, told):
+    law = f"mu = k*tanh(v_s/w)*{falls} where v_s [m/s], v [m/s], k = 0.3, w = 0.5 m/s, u = 16 m/s"
+    lines = unusual_numbers(trip(tmp_path, law=law, condition="k = 0.3"))
+    assert len([k for k in lines if "conditions.x: adhesion rises with speed" in k]) == told
 
 
 @settings(max_examples=30, deadline=None)

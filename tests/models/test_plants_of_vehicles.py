@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 
-from slipctl import BadInput, Input, Output, law
+from slipctl import BadInput, Input, Output, law, make_block
 from slipctl.models.huang_2020.subway_braking import double_exponential
 from slipctl.models.vehicle import Air, Lag, Vehicle
 from slipctl.models.vehicle.cars import load_transfer, masses_of_axles, wheelset_that_twists
@@ -61,6 +62,47 @@ def test_what_is_no_law_of_a_train_is_refused(names):
     block = law(mu=Output("1", "adhesion"))(made["odd"])
     with pytest.raises(BadInput, match=f"odd has the inputs {', '.join(names)}"):
         on_train(block)
+
+
+UNITS = {"v_s": "m/s", "v": "m/s", "lam": "1", "mu": "1"}
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("v_s", "rad/s"), ("v_s", "km/h"), ("v_s", "1"), ("v", "km/h"), ("lam", "%"), ("mu", "N")],
+)
+def test_a_law_in_other_units_than_the_wheels_is_refused(name, unit):
+    """The train gives it metres per second, whatever it calls them."""
+    given = UNITS | {name: unit}
+    slip = "lam" if name == "lam" else "v_s"
+    inputs = [Input(given[n], n).named(n) for n in (slip, "v")]
+    out = [Output(given["mu"], "adhesion").named("mu")]
+
+    def body(x, u, p):
+        return {}, {"mu": u[slip] / (1 + abs(u["v"]))}
+
+    with pytest.raises(BadInput, match=rf"odd: {name} is in \[{unit}\]"):
+        on_train(make_block("odd", "law", body, inputs=inputs, outputs=out))
+
+
+@pytest.mark.parametrize(
+    "body", [lambda s: (s, 3.0), lambda s: ca.vertcat(s, s), lambda s: s * ca.SX.sym("q")],
+    ids=["tuple", "vector", "stranger"],
+)  # fmt: skip
+def test_a_law_that_gives_no_one_number_is_refused_by_its_name(body):
+    def odd(v_s=Input("m/s", "slip")):
+        return body(v_s)
+
+    with pytest.raises(BadInput, match=r"odd.*mu"):
+        on_train(law(mu=Output("1", "adhesion"))(odd))
+
+
+def test_a_law_is_meant_up_to_the_end_of_the_range_of_its_slip():
+    def ranged(v_s=Input("m/s", "slip", lo=-1.5, hi=1.5)):
+        return 0.1 * v_s
+
+    assert on_train(law(mu=Output("1", "mu"))(ranged)).law_data.meant_to == 1.5
+    assert on_train(law(mu=Output("1", "mu"), meant_to=1.0)(ranged)).law_data.meant_to == 1.0
 
 
 def test_a_driven_wheelset_has_a_half_of_what_is_left_beside_its_rotor_in_each_wheel():

@@ -1,6 +1,7 @@
 """What the wheels of a run did: a slide beyond the law, a spin, a law's reach."""
 
 import math
+import re
 from dataclasses import replace
 from functools import cache
 from itertools import permutations
@@ -9,7 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slipctl import BadInput, Input, Output, Scenario, State, connect, prepare, step
+from slipctl import (
+    BadInput,
+    Input,
+    Output,
+    Param,
+    Scenario,
+    State,
+    connect,
+    from_text,
+    prepare,
+    step,
+)
 from slipctl.block.reach import reach_text, with_reach
 from slipctl.models.huang_2020.subway_braking import double_exponential
 from slipctl.models.vehicle import (
@@ -262,3 +274,45 @@ def test_slip_control_holds_what_is_clearly_below_what_rail_and_driver_allow(cha
     told = wheels.wheel_warnings(loop, scenario, log)
     assert len(told) == lines
     assert all(f"for {demand:.4g} N m" in line for line in told)
+
+
+def told_of_law(text, upto=2.0, positive="braking"):
+    """What a wheel tells whose slip grows to ``upto`` in m/s on a law of these words."""
+
+    @step(0.01, v_s=Output("m/s", "slip", positive="braking", per="speed"))
+    def wheel(
+        s=State("m/s", 0.0, "slip"),
+        mu=Input("1", "adhesion", positive=positive),
+        rate=Param("m/s", upto / 10, "of the slip, a tick"),
+    ):
+        return {"s": s + rate}, {"v_s": s}
+
+    used = {"k": "0.3", "w": "0.5 m/s"}
+    law = from_text(f"mu = {text}", inputs={"v_s": "m/s"}, parameters=used)
+    law = law.with_conditions(dry={"k": 0.3})
+    plant = connect("plant", {"wheel.mu": "adh.mu", "adh.v_s": "wheel.v_s"}, wheel=wheel, adh=law)
+    loop = connect("loop", {}, plant=plant)
+    log = prepare(loop, Scenario("s", 0.1), compile=False)(doubt=True)
+    return log.told()
+
+
+RISES = "k*v_s/(abs(v_s) + w)"
+NO_LAWS = {
+    "pushes": (f"-{RISES}", "gives an adhesion of -.* pushes"),
+    "above its load": (f"10*{RISES}", "more than the load"),
+    "offset": (f"0.3*{RISES} + k/3", "at a slip of 0 m/s.* rolls"),
+    "nothing": (f"0*{RISES}", "none at any slip"),
+    "peak further on": ("20*k*v_s/w/(1 + (v_s/w)**2/40)", "more than the load"),
+}
+
+
+@pytest.mark.parametrize(("text", "why"), NO_LAWS.values(), ids=NO_LAWS)
+def test_a_law_that_is_none_is_told_in_any_loop(text, why):
+    """Put under the wheels of a study it is judged by no vehicle's file."""
+    (line,) = told_of_law(text, upto=0.05 if "**" in text else 2.0)
+    assert re.search(why, line)
+
+
+@pytest.mark.parametrize(("text", "positive"), [(RISES, "braking"), (f"-{RISES}", "traction")])
+def test_a_law_that_opposes_slip_is_not_told(text, positive):
+    assert told_of_law(text, positive=positive) == []

@@ -85,6 +85,18 @@ def test_what_cannot_be_run_is_refused(file, said, mine):
     assert resolve.load_file("mine.py") is resolve.load_file(str(mine / "mine.py"))
 
 
+def test_a_file_that_was_edited_is_read_again(mine):
+    """In a notebook the next run is with the law as it stands."""
+    place, text = (
+        mine / "edited.py",
+        "from slipctl import from_text\nl = from_text('y = @*a where a [1]')",
+    )
+    for factor in (2, 30):
+        place.write_text(text.replace("@", str(factor)), encoding="utf-8")
+        assert resolve.load_block("edited.py:l")(a=1.0)["y"] == factor
+    assert resolve.load_file("edited.py") is resolve.load_file("edited.py")
+
+
 def test_python_that_was_not_named_at_the_start_does_not_run(mine, monkeypatch):
     (mine / "other.py").write_text("x = 1", encoding="utf-8")
     monkeypatch.setattr(resolve, "ONLY", [{(mine / "mine.py").resolve()}])

@@ -12,11 +12,13 @@ from itertools import pairwise
 
 from slipctl.errors import nearest
 from slipctl.models.vehicle.adhesion import (
+    RISES,
     heights_of_law,
     law_faults,
     layer_law,
     peak_of_layer,
     rail_law,
+    rise_with_speed,
 )
 from slipctl.models.vehicle.parts import Air, Constant, Lag, SlipRatio, SlipSpeed, ToothWheel, Trip
 from slipctl.models.vehicle.plant import on_train
@@ -166,6 +168,13 @@ def _heights(trip: Trip) -> Iterator[str]:
             yield f"{where}: adhesion is {height:.3g} at most; of ice and leaves it is 0.02 or more"
         elif height > HEIGHTS[1]:
             yield f"{where}: adhesion is up to {height:.3g}; of dry rail it is at most 0.6"
+        top = max(vehicle.speed, 4.0)
+        slow, fast = rise_with_speed(law, law.conditions[name], top)
+        if fast > RISES * slow:
+            yield (
+                f"{where}: adhesion rises with speed, from {slow:.3g} at {top / 4:.3g} m/s to"
+                f" {fast:.3g} at {top:.3g} m/s; on rails it falls or stays"
+            )
 
 
 def _faster(trip: Trip) -> Iterator[str]:

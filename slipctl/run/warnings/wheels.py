@@ -41,6 +41,13 @@ RATIO_FROM = 1.0
 MOVING = (*(f"plant.field.{n}" for n in LAYER), "plant.transfer.dN")
 """Signals that say what a rail with a layer, and a load that moves, are like under each axle."""
 
+NO_FORCE, SMALL = 1e-9, 0.01
+"""Adhesion that is none, and one that is more than rounding: of leaves and ice it is 0.02."""
+
+SLIPS, FARTHEST_SLIP = 1e-3, 10.0
+"""Slip, in m/s or a ratio, from which its sign says something; slip in m/s up to which a law is
+asked for its peak."""
+
 RELEASES = {
     "ctl.trust.retry": ("the train", "[control] release_train"),
     "ctl.safe.released": ("axle {}", "[control] release and release_still"),
@@ -57,9 +64,9 @@ def rail_laws(loop: Block) -> Iterator[tuple[str, Block, str]]:
         own = slip_input(law)
         if own is None or law.kind != "law" or "mu" not in law.outputs or not law.conditions:
             continue
-        home, per = path.rpartition(".")[0], law.inputs[own].per
-        hits = [n for n, s in known.items()
-                if n.startswith(f"{home}.") and s.per == per and s.positive]  # fmt: skip
+        home, slip = path.rpartition(".")[0], law.inputs[own]
+        hits = [n for n, s in known.items() if n.startswith(f"{home}.") and s.per and s.positive
+                and (s.per == slip.per or (not slip.per and s.unit == slip.unit))]  # fmt: skip
         if hits:
             yield path, law, min(hits, key=lambda n: (n.rpartition(".")[2] != own, n.count("."), n))
 
@@ -71,7 +78,8 @@ def watched_wheels(loop: Block) -> set[str]:
              "plant.train.v", "speed.v_m", "speed.error", *MOVING, *RELEASES}  # fmt: skip
     for path, _, slip in rail_laws(loop):
         home = path.rpartition(".")[0]
-        found |= {slip, *(n for n in known if n.startswith(f"{home}.") and n.endswith(".v"))}
+        found |= {slip, f"{path}.mu"}
+        found |= {n for n in known if n.startswith(f"{home}.") and n.endswith(".v")}
     return {n for n in found if n in known}
 
 
@@ -87,7 +95,14 @@ def wheel_warnings(loop: Block, scenario: Scenario, log: Values) -> list[str]:
     held = _held(loop, scenario, log)
     gets = "its safe output" if _is_driven(loop) else "the demand"
     ended = _ended_releases(log, gets, worked_axles(loop))
-    return [*held, *_rolls_back(log), *ended, *_wrong_speed(log), *_slides(loop, log)]
+    return [
+        *held,
+        *_rolls_back(log),
+        *ended,
+        *_wrong_speed(log),
+        *_no_adhesion(loop, log),
+        *_slides(loop, log),
+    ]
 
 
 def _is_driven(loop: Block) -> bool:
@@ -108,6 +123,72 @@ def _rolls_back(log: Values) -> Iterator[str]:
             f"the vehicle rolls back from {time[int(np.argmax(back))]:.4g} s on, {way:.4g} m and up"
             f" to {-v.min():.3g} m/s: its wheels do not hold it on the slope"
         )
+
+
+# ---- a law that is none --------------------------------------------------------------------------
+
+
+def _no_adhesion(loop: Block, log: Values) -> Iterator[str]:
+    """A law that was put under the wheels and did what no rail does, where the run has been."""
+    known = {**loop.outputs, **loop.states}
+    for path, law, name in rail_laws(loop):
+        given, way = f"{path}.mu", _way_of_adhesion(loop, path) or known[name].positive
+        if given not in log or name not in log:
+            continue
+        slip, mu = columns(log[name]), columns(log[given])
+        if slip.shape != mu.shape:
+            continue
+        mu = mu if known[name].positive == way else -mu  # seen against the slip
+        size, unit = np.abs(mu), "" if known[name].unit == "1" else f" {known[name].unit}"
+        odd = {
+            "it pushes the wheel the way it slips":
+                (np.sign(slip) * mu < -SMALL) & (np.abs(slip) > SLIPS),
+            "it is more than the load of the wheel": size > 1,
+            "a wheel that rolls has none": (slip == 0) & (size > SMALL),
+            "there is none at any slip": (np.abs(slip) == np.abs(slip).max())
+                & (size.max() <= NO_FORCE) & (np.abs(slip).max() > SLIPS),
+        }  # fmt: skip
+        for why, rows in odd.items():
+            if rows.any():
+                k, axle = np.unravel_index(int(np.argmax(rows)), rows.shape)
+                at = f"{slip[k, axle]:.3g}{unit}, at {log['time'][k]:.4g} s"
+                yield _none_of(law, float(mu[k, axle]), at, why)
+                break
+        else:
+            condition, at, height = _highest_peak(law)
+            if height > 1:
+                where = f"{at:.3g}{unit}, on {condition}"
+                yield _none_of(law, height, where, "it is more than the load of the wheel")
+
+
+def _none_of(law: Block, mu: float, where: str, why: str) -> str:
+    return (
+        f"{law.name} gives an adhesion of {mu:.3g} at a slip of {where}: {why}; write a law with"
+        " the sign of the slip, 0 at 0 and below 1"
+    )
+
+
+def _highest_peak(law: Block) -> tuple[str, float, float]:
+    """Rail, slip and height of the highest peak of a law of the slip alone; 0 where none is."""
+    found = [("", 0.0, 0.0)]
+    if len(law.inputs) == 1:
+        most = 1.0 if next(iter(law.inputs.values())).unit == "1" else FARTHEST_SLIP
+        slips = np.geomspace(1e-4, most, 200)
+        for condition, values in law.conditions.items():
+            numbers = law.pack("param", law.param_values(**values))
+            mu = np.abs(np.array(law.f([], slips[None, :], numbers)[1])).ravel()
+            if (k := int(mu.argmax())) < len(slips) - 1:  # one that rises on has no peak
+                found.append((condition, float(slips[k]), float(mu[k])))
+    return max(found, key=lambda row: row[2])
+
+
+def _way_of_adhesion(loop: Block, path: str) -> str:
+    """In which way the adhesion of a law counts as positive for the wheel; empty if none says."""
+    home, _, name = path.rpartition(".")
+    around = loop[home] if home else loop
+    takers = [t for t, source in around.wires.items() if source == f"{name}.mu"]
+    taken = [around[part].inputs[own] for part, _, own in (t.rpartition(".") for t in takers)]
+    return next((s.positive for s in (loop[path].outputs["mu"], *taken) if s.positive), "")
 
 
 # ---- a slide -------------------------------------------------------------------------------------
