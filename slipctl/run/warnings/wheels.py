@@ -171,11 +171,12 @@ def _none_of(law: Block, mu: float, where: str, why: str) -> str:
 def _highest_peak(law: Block) -> tuple[str, float, float]:
     """Rail, slip and height of the highest peak of a law of the slip alone; 0 where none is."""
     found = [("", 0.0, 0.0)]
-    if len(law.inputs) == 1:
+    if sum(s.size for s in law.inputs.values()) == 1:
         most = 1.0 if next(iter(law.inputs.values())).unit == "1" else FARTHEST_SLIP
         slips = np.geomspace(1e-4, most, 200)
         for condition, values in law.conditions.items():
-            numbers = law.pack("param", law.param_values(**values))
+            own = {n: v for n, v in values.items() if n in law.params}
+            numbers = law.pack("param", law.param_values(**own))
             mu = np.abs(np.array(law.f([], slips[None, :], numbers)[1])).ravel()
             if (k := int(mu.argmax())) < len(slips) - 1:  # one that rises on has no peak
                 found.append((condition, float(slips[k]), float(mu[k])))
