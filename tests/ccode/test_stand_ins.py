@@ -113,6 +113,7 @@ def test_a_search_is_given_the_recorded_rows_and_tells_what_it_found(monkeypatch
                for row in re.findall(r"\{(-?[\d.]+, -?[\d.]+, [\d.]+)\}", text)]  # fmt: skip
     assert numbers == [[-1, 1, 2], [0, 5, 5], [-3, 3, 6], [-3, 3, 6], [0.25, 2, 3]]
     assert "false, true, false, false" in text
+    assert '#include "test_sums.c"' in text
     assert f"#define MOST {search.MOST}" in text
     assert f"#define LONGEST {search.LONGEST}" in text
 
@@ -149,7 +150,8 @@ def test_a_run_goes_on_with_what_a_search_found_and_the_last_recorded_ticks_make
     for most, kept in ((search.MOST + 3, 3), (search.MOST + 9, 5), (10, 1)):
         asked.clear()
         longer, told = search.gone_on("plan", "made", recorded, {"k": 1}, 3, most)
-        (plan, made, rows, params, seconds), (_, whole_rows, _, whole) = asked
+        (plan, made, rows, params, seconds), (same, whole_rows, used, whole) = asked
+        assert (same, used) == (plan, params)
         assert (plan, made, params, seconds, whole) == ("plan", "made", {"k": 1}, 3, False)
         assert np.array_equal(rows, recorded.rows[:kept])
         assert np.array_equal(whole_rows, np.vstack([rows, FOUND]))
@@ -452,6 +454,7 @@ def test_a_board_is_built_begun_with_the_parameters_and_switched_off(
         "cortex-m4", ["own.c", "rig.c"], "rig.elf", real)  # fmt: skip
     assert sorted(texts) == sorted([*plan.files, *targets.BOARD_FILES, "rig.c"])
     assert texts["own.c"] == "text of own.c"
+    assert '#include "own.h"' in texts["rig.c"]
     for value in (rig.LOST, rig.LATE, rig.BROKEN):
         assert str(value) in texts["rig.c"]
     assert began[0][0] == ["qemu", "cortex-m4", "rig.elf", "-serial", "stdio", *targets.COUNT]

@@ -43,8 +43,8 @@ from slipctl.run.sweep.ensemble import Draw, World
 
 # ---- back along a run ----------------------------------------------------------------------------
 
-X, U, P = ca.SX.sym("x", 3), ca.SX.sym("u", 2), ca.SX.sym("p", 2)
-NEXT = ca.vertcat(0.9 * X[0] + P[0] * X[1] * U[0], ca.sin(X[0]) + P[1] * X[2], X[1] + U[1] * P[0])
+X, U, P = ca.SX.sym("x", 3), ca.SX.sym("u", 1), ca.SX.sym("p", 2)
+NEXT = ca.vertcat(0.9 * X[0] + P[0] * X[1] * U[0], ca.sin(X[0]) + P[1] * X[2], X[1] + U[0] * P[0])
 GIVEN = ca.vertcat(X[0] * X[2] * P[1], X[1] ** 2 + U[0])
 TICK = ca.Function("tick", [X, U, P], [NEXT, GIVEN])
 JACOBIANS = ca.Function("by", [X, U, P], [
@@ -55,7 +55,7 @@ JACOBIANS = ca.Function("by", [X, U, P], [
 def rolled(ticks: int) -> Any:
     """A run of the tick, with its states before each tick and its outputs."""
     rng = np.random.default_rng(4)
-    u, p = rng.normal(size=(ticks, 2)), np.array([0.3, -0.6])
+    u, p = rng.normal(size=(ticks, 1)), np.array([0.3, -0.6])
     x, y, now = [], [], rng.normal(size=3)
     for k in range(ticks):
         x.append(now)
@@ -402,6 +402,43 @@ def test_draws_of_a_search_are_made_once_those_of_a_statement_each_time() -> Non
     assert world_.drawn == [(0, 7), (1, 7), (2, 7), (2, 7)]
     assert made.count(0) == 0
     assert rolls.FILE.endswith(".sqlite")
+
+
+def test_a_folder_of_a_search_is_begun_with_what_it_is_told(tmp_path, monkeypatch) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr(tune.sweep_store, "begin", lambda *given: asked.append(given) or "open")
+    told = {"loop": "pid"}
+    assert tune._begun(str(tmp_path), told) == "open"
+    assert asked == [(tmp_path, {"loop": "pid"}, rolls.FILE, "search")]
+    assert asked[0][1] is not told
+    with tune._begun(None, told) as nothing:
+        assert nothing is None
+    assert len(asked) == 1
+
+
+def test_what_is_wanted_is_measured_alone_and_what_was_proved_stays_so(proved, monkeypatch) -> None:
+    """A proof that takes long is told before it is made."""
+    told: list[str] = []
+    there = {"distance": Metric(1.0, "m"), "slip_max": Metric(2.0, "m/s"),
+             "lock_time": Metric(0.0, "s")}  # fmt: skip
+    asked: list[Any] = []
+    monkeypatch.setattr(tune, "_metrics_of_first", lambda *given: asked.append(given) or there)
+    own: Any = SimpleNamespace(loop=Loop(k=3.0), wanted=())
+    weak = gains("weak")
+    weak.numbers = lambda loop: {"k": 1.0}
+    of = Promises((LATE, SOON, weak), tell=told.append)
+    frees: Any = [SimpleNamespace(name="k", now=4.0)]
+    goals, limits, found = tune._wanted(
+        own, frees, "own", "distance", ["slip_max<=3m/s", "soon.certified"], of, 7)  # fmt: skip
+    assert asked == [(own, {"k": 4.0}, 7)]
+    assert [g.text for g in goals] == ["distance"]
+    assert [limit.metric for limit in limits] == ["slip_max"]
+    assert own.wanted == ("distance", "slip_max")
+    assert found.kept == ("late", "soon")
+    assert [p.name for p in found.wanted] == ["soon"]
+    assert told[0].startswith("late: ")
+    assert len(told) == 2  # and what came of it
+    assert (found.gains, found.tell) == (of.gains, of.tell)
 
 
 # ---- what is told and refused --------------------------------------------------------------------

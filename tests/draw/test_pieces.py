@@ -332,7 +332,7 @@ def test_choices_of_a_block_are_told_in_short() -> None:
 def test_the_rims_of_all_axles_are_told_beside_the_one_that_is_drawn(monkeypatch, ratio) -> None:
     """The vehicle's speed less the slip of each, or times one less its ratio."""
     told: list[Any] = []
-    monkeypatch.setattr(live, "axles", lambda line, t, every: told.append((t, every)))
+    monkeypatch.setattr(live, "axles", lambda *given: told.append(given))
     monkeypatch.setattr(plots, "bands", lambda *_, **__: None)
     monkeypatch.setattr(plots.seen, "chosen_axle", lambda *_: 1)
     run = log(6, slip=3)
@@ -347,7 +347,8 @@ def test_the_rims_of_all_axles_are_told_beside_the_one_that_is_drawn(monkeypatch
     v = (20 - time)[:, None]
     slip = np.outer(time, [1.0, 2.0, 3.0])
     wanted = v * (1 - slip / 100) if ratio else v - slip
-    ((t, every),) = told
+    ((line, t, every),) = told
+    assert line is fig.axes[0].get_lines()[0]
     assert t.tolist() == time.tolist()
     np.testing.assert_allclose(every, wanted)
     rim, vehicle = fig.axes[0].get_lines()

@@ -156,6 +156,8 @@ def test_a_region_is_told_row_by_row_and_a_newer_question_may_come_between(
     assert read(parts[-1])[0] == {"kind": "region", "id": 1, "end": True}
     ((rig, gains, numbers, names),) = given
     assert (rig, gains.name, numbers, names) == (desk.the_rig, "gains 'a'", {}, pair)
+    heads(desk, kind="region", numbers={"m": 3})
+    assert (given[1][1].name, *given[1][2:]) == ("gains ''", {"m": 3.0}, None)
 
 
 def test_effects_are_those_of_the_law_and_of_what_was_moved(desk, monkeypatch) -> None:
@@ -1164,10 +1166,12 @@ def points(here: dict[str, float], **named: Any) -> Any:
 def test_a_region_needs_two_gains_that_can_be_moved(monkeypatch) -> None:
     asked = SimpleNamespace(sliders=[slider("ctl.law.k"), slider("ctl.law.c"), MASS])
     gains = SimpleNamespace(name="own gains")
-    for here, names in (({"k": 1.0, "x": 2.0}, None), ({"k": 1.0, "c": 0.0}, None),
-                        ({"k": 1.0, "c": 2.0}, ("k", "x")), ({}, None)):  # fmt: skip
+    for here, names, has in (
+        ({"k": 1.0, "x": 2.0}, None, "k"), ({"k": 1.0, "c": 0.0}, None, "k"),
+        ({"k": 1.0, "c": 2.0}, ("k", "x"), "k, c"), ({}, None, "none"),
+    ):  # fmt: skip
         told(monkeypatch, safety, "points_of_gains", points(here))
-        with pytest.raises(BadInput, match="own gains"):
+        with pytest.raises(BadInput, match=f"own gains.* {has}$"):
             list(safety.region_rows(asked, gains, {}, names))
     assert safety.movable_gains(asked, points({"c": 2.0, "x": 1.0, "k": 0.5, "d": -1})) == {
         "c": "ctl.law.c", "k": "ctl.law.k",
