@@ -155,9 +155,9 @@ def _no_adhesion(loop: Block, log: Values) -> Iterator[str]:
                 yield _none_of(law, float(mu[k, axle]), at, why)
                 break
         else:
-            condition, at, height = _highest_peak(law)
+            condition, at_peak, height = _highest_peak(law)
             if height > 1:
-                where = f"{at:.3g}{unit}, on {condition}"
+                where = f"{at_peak:.3g}{unit}, on {condition}"
                 yield _none_of(law, height, where, "it is more than the load of the wheel")
 
 
