@@ -416,12 +416,31 @@ def whole_tick(
                 plan=ca.vertcat(first, second)), dict(y=first + n + late)  # fmt: skip
 
 
-def in_two() -> Any:
+def in_two(block: Any = whole_tick) -> Any:
     """The same, whose tick may be made in two."""
-    made = copy.copy(whole_tick)
+    made = copy.copy(block)
     split = Split("prepare", "prepared", ("early",), ("plan",))
-    made.composition = replace(whole_tick.composition, split=split)
+    made.composition = replace(block.composition, split=split)
     return made
+
+
+@step(period=0.1, y=Output("1", "the plan of before"))
+def ranged_tick(
+    prepare=State("1", 0.0, "1 to prepare, and no more", lo=0, hi=1),
+    prepared=State("1", 0.0, "the next tick is prepared", lo=0, hi=1),
+    plan=State("1", 0.0, "made before", lo=-9, hi=9),
+    early=Input("1", "known before", lo=-2, hi=2, change=0.5, value=0.0),
+):
+    """All states have ranges: nothing else has to be asked whether they are finite."""
+    made = 0.5 * plan + early
+    return dict(prepare=0, prepared=ca.if_else(prepare > 0, 1, 0), plan=made), dict(y=2 * plan)
+
+
+@compiled
+def test_a_plan_with_a_range_is_tested_by_it(tmp_path: Path) -> None:
+    module = codegen.c_module(in_two(ranged_tick), tmp_path).compile().load()
+    assert module.prepare(early=1.0) == 0
+    assert module.state["plan"] == 1.0
 
 
 @compiled

@@ -221,30 +221,31 @@ def catch_up(plan: Plan) -> list[Node]:
     return [define("static void catch_up", lines, what, [f"struct {plan.name}_kept *x", missed])]
 
 
+def _tested(plan: Plan) -> dict[str, list[tuple[Member, str, int]]]:
+    """What comes out of the equations and has to be finite, by the function that says whether."""
+    rest = [place for place in plan.untested if place[0] not in plan.ahead]
+    first = [place for place in plan.untested if place[0] in plan.ahead]
+    every = {"result_finite": rest, "ahead_finite": first}
+    return {name: places for name, places in every.items() if places}
+
+
 def finite(plan: Plan) -> list[Node]:
     """Functions that say whether what comes out of the equations is finite."""
-    ahead = plan.ahead
-    if not plan.untested:
-        return []
-    rest = [place for place in plan.untested if place[0] not in ahead]
-    first = [place for place in plan.untested if place[0] in ahead]
     arguments = [f"const struct {plan.name}_kept *next", f"const {plan.layout.now} *now"]
-    made = []
-    for name, places in (("result_finite", rest), ("ahead_finite", first)):
-        if not places:
-            continue
-        given = with_results(plan, arguments, places)
-        lines = _zero(places)
-        made.append(define(f"static bool {name}", lines, given=given))
-    return made
+    return [
+        define(f"static bool {name}", _zero(places), given=_with_results(arguments, places))
+        for name, places in _tested(plan).items()
+    ]
 
 
-def with_results(
-    plan: Plan, both: list[str], places: Iterable[tuple[Member, str, int]] | None = None
-) -> list[str]:
+def finite_calls(plan: Plan, both: list[str]) -> dict[str, str]:
+    """Calls of these functions by their names, with what stands for next states and for outputs."""
+    return {name: f"{name}({', '.join(_with_results(both, places))})"
+            for name, places in _tested(plan).items()}  # fmt: skip
+
+
+def _with_results(both: list[str], places: Iterable[tuple[Member, str, int]]) -> list[str]:
     """What stands for next states and for outputs, of those that have results to be tested."""
-    if places is None:
-        places = [place for place in plan.untested if place[0] not in plan.ahead]
     there = {pointer for _, pointer, _ in places}
     return [
         x for x, p in zip(both[-2:], ("next->", "now->")[-len(both) :], strict=True) if p in there

@@ -16,13 +16,13 @@ from slipctl.ccode.module.guard_functions import (
     check_inputs,
     check_inputs_call,
     finite,
+    finite_calls,
     limit_outputs,
     limit_outputs_call,
     part_off,
     part_off_call,
     range_condition,
     recover,
-    with_results,
 )
 from slipctl.ccode.module.header import head as first_comment
 from slipctl.ccode.module.header import prototypes
@@ -400,10 +400,8 @@ def _step(plan: Plan) -> list[Node]:
     if ranged:
         lines.append(f"const int off = {'(failed != 0) ? 0 : ' * plan.can_fail}{off};")
         bad.append("(off != 0)")
-    if plan.untested:
-        bad.append(f"!result_finite({', '.join(with_results(plan, passed))})")
-    if plan.ahead:
-        bad.append(f"(whole && !ahead_finite(&{following}))")
+    for name, tested in finite_calls(plan, passed).items():
+        bad.append(f"(whole && !{tested})" if name == "ahead_finite" else f"!{tested}")
     if bad:
         again = [f"status |= recover(used, state, {'off' if ranged else '0'});"] * has_next
         why = f"status |= (unsigned int){big}_BAD_RESULT | (unsigned int){big}_REFUSED;"

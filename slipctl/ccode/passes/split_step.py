@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from slipctl.ccode.module import guard
-from slipctl.ccode.module.guard_functions import early_good, with_results
+from slipctl.ccode.module.guard_functions import early_good, finite_calls
 from slipctl.ccode.module.header import prototypes
 from slipctl.ccode.module.layout import Member
 from slipctl.ccode.module.plan import Plan
@@ -60,15 +60,13 @@ def prepare(plan: Plan) -> list[Node]:
         tested = if_(f"!({good})", f"return (int){big}_OFF_RANGE | {refused};")
         lines.append(tested.change(rule))
     call = f"{equations_call(plan, 'in')};"
-    results = ", ".join(with_results(plan, [f"&{following}", "&now"]))
     tests = ["(failed != 0)"] * plan.can_fail
-    tests += [f"!result_finite({results})"] * bool(results)
+    tests += [f"!{tested}" for tested in finite_calls(plan, [f"&{following}", "&now"]).values()]
     lines += [
         f"state->kept.{only} = 1.0;",
         f"const int failed = {call}" if plan.can_fail else call,
         f"state->kept.{only} = 0.0;",
-        if_(" || ".join([*tests, f"!ahead_finite(&{following})"]),
-            f"return (int){big}_BAD_RESULT | {refused};"),
+        *([if_(" || ".join(tests), f"return (int){big}_BAD_RESULT | {refused};")] * bool(tests)),
         *take_state(plan, plan.layout.states),
         f"return {big}_OK;",
     ]  # fmt: skip
