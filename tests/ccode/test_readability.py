@@ -20,7 +20,7 @@ from slipctl.ccode.module.comments import WIDTH
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.module.source import sources
 from slipctl.ccode.passes.local_names import name_locals
-from slipctl.ccode.passes.member_results import copy_statements
+from slipctl.ccode.passes.member_results import copy_statements, place_locals
 from slipctl.ccode.passes.repeats import hand_results, roll_calls
 from slipctl.ccode.tree.functions import Functions
 from slipctl.ccode.tree.printer import file_text
@@ -291,6 +291,14 @@ def test_calls_with_what_the_one_before_gave_are_a_loop() -> None:
     ]  # fmt: skip
     used = [*_steps(3), "end(x_next_3, J_next_3);"]  # what a call in between gave is wanted too
     assert with_pass(roll_calls, used, {"i"}) == laid_out(used)
+
+
+def test_a_local_that_a_member_is_given_is_that_member_behind_one_that_is_not() -> None:
+    lines = ["const double only = sin(u);", "use(only);", "const double made = cos(u);",
+             "use(made);", "next->x = made;"]  # fmt: skip
+    assert with_pass(place_locals, lines) == [
+        *lines[:2], "next->x = cos(u);", "use(next->x);",
+    ]  # fmt: skip
 
 
 def test_a_call_writes_where_its_result_is_wanted() -> None:

@@ -69,6 +69,22 @@ def test_runs_that_are_found_are_runs_and_lie_below_the_bound(numbers):
     assert twisting_late.replay(law, d, [*n[:-1], law.law.N + 1]) is None
 
 
+@pytest.mark.parametrize("numbers", LATE)
+def test_with_few_digits_a_replay_says_less_and_never_more(numbers):
+    """A bound from below: it rises to the truth with the digits, if no sign is left open."""
+    law, rng, told = late(*numbers), np.random.default_rng(5), 0
+    for _ in range(20):
+        d = [law.law.L * int(s) for s in rng.choice([-1, 1], 12)]
+        n = [law.law.N * int(s) for s in rng.choice([-1, 0, 1], 12)]
+        true = twisting_late.replay(law, d, n, digits=900)
+        found = [twisting_late.replay(law, d, n, digits) for digits in (6, 9, 12, 30, 250)]
+        found = [bound for bound in found if bound is not None]
+        told += len(found)
+        assert all(bound <= true for bound in found)
+        assert found[-1] == pytest.approx(float(true), abs=1e-9)  # a root halves the digits
+    assert told > 20
+
+
 @pytest.mark.parametrize(("asked", "verdict"), [
     ("T=.001 noise=1e-6", "CERTIFIED"),
     ("T=.001 noise=2e-6 band=3e-6", "REFUTED"),

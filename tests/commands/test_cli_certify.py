@@ -46,6 +46,16 @@ def test_table(capsys):
     assert "worst disturbance: r1 = delta |x1|^(1/2) sgn x1; d = L sgn x1 while" in said
 
 
+def test_a_mark_in_the_table_has_its_note(capsys):
+    """Of the printed inequality, whose verdict depends on the unit of length; of no other."""
+    for marked, argv in ((True, [*GAINS, "delta=0.1"]), (False, ["certify", "filter"])):
+        main(argv)
+        said = capsys.readouterr().out
+        notes = [line for line in said.splitlines() if line.startswith("  * ")]
+        assert len(notes) == marked
+        assert ("printed_48*" in said) == marked
+
+
 def test_head_tells_continuous_from_sampled(capsys):
     """A proof of the equations is no proof of the law that is computed once per period."""
     chatters = ["certify", "super_twisting", "--set", "k1=2000", "k2=1", "L=0.5", "T=0.016"]

@@ -372,6 +372,14 @@ def probing(**numbers) -> Block:
     return probe(double_exponential, "v_s", (0.1, 6.0), **numbers)
 
 
+@pytest.mark.parametrize("within", [
+    (-math.inf, 6.0), (math.nan, 6.0), (0.1, math.inf), (0.1, math.nan), (6.0, 0.1), (1.0, 1.0),
+])  # fmt: skip
+def test_a_probe_needs_two_ends_that_are_numbers_in_order(within):
+    with pytest.raises(BadInput, match="within"):
+        probe(double_exponential, "v_s", within)
+
+
 def feed_probe(block, C, changed, best, limit=6.0, c=1.0, a=0.54, b=1.2):
     """Run a probe on a constant estimate with the covariances C."""
     n = len(C)

@@ -31,6 +31,7 @@ from slipctl.models.vehicle.air.pneumatics import (
     magnet_valves,
     rate_of_choke,
     reservoir,
+    valve_bits,
 )
 from slipctl.models.vehicle.parts import SlipControl
 
@@ -245,3 +246,31 @@ def test_a_period_of_ten_ticks_stops_where_one_tick_does():
 
     for act in (BRAKE, Lag(torque=5.8e3, lag=0.06)):
         assert place(0.01, act) == pytest.approx(place(0.001, act), rel=0.02)
+
+
+@settings(deadline=None)
+@given(
+    share=st.floats(0.1, 0.8), pulse=st.floats(0.005, 0.05), k_f=st.floats(0.5, 6.0),
+    k_v=st.floats(0.5, 6.0),
+)  # fmt: skip
+def test_valves_act_from_half_of_what_their_shortest_pulse_changes(share, pulse, k_f, k_v):
+    """By k dp/dt = k p0 psi of ISO 6358: into the cylinder from the supply, out of it to air."""
+    torque, k_b = share * T_MAX, T_MAX / P_FULL
+    p = ATMOSPHERE + torque / k_b
+
+    def psi(ratio):  # of an ideal gas, isentropic, by that at the speed of sound
+        r = max(ratio, CRITICAL)
+        return np.sqrt((r ** (2 / 1.4) - r ** (2.4 / 1.4))
+                       / (CRITICAL ** (2 / 1.4) - CRITICAL ** (2.4 / 1.4)))  # fmt: skip
+
+    up = k_b * pulse * k_f * SUPPLY * psi(p / SUPPLY)
+    down = k_b * pulse * k_v * p * psi(ATMOSPHERE / p)
+    numbers = dict(T_max=T_MAX, p_full=P_FULL, p_s=SUPPLY - ATMOSPHERE, k_f=k_f, k_v=k_v,
+                   pulse=pulse, T=1e-3, band=0.0)  # fmt: skip
+    for off, bits in [
+        (0.502 * up, (0, 0)), (0.498 * up, (1, 0)), (-0.498 * down, (1, 0)), (-0.502 * down, (1, 1))
+    ]:  # fmt: skip
+        got = valve_bits(T_cmd=torque + off, T_demand=9 * T_MAX, T_b=torque, under_way=0.0,
+                         **numbers)  # fmt: skip
+        whole = torque + off >= 0.999 * T_MAX  # all that the brake has
+        assert (got["hold"], got["vent"]) == ((0, 0) if whole else bits)
