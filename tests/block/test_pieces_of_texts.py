@@ -157,7 +157,6 @@ def test_values_that_cannot_be_read_are_refused(text):
         {"conditions": 3}, {"conditions": {"wet": 3}}, {"conditions": {"wet": {"b": 1.0}}},
         {"parameters": 3}, {"inputs": ["x"]}, {"parameters": {"a": True}}, {"outputs": {"q": "m"}},
     ],
-    ids=str,
 )  # fmt: skip
 def test_tables_of_texts_are_tables(more):
     good = {"inputs": {"x": "1"}, "parameters": {"a": "2"}}

@@ -186,7 +186,6 @@ def test_pushes_are_those_that_the_numbers_ask_for():
         ("kept", {"x": ["0", "1"]}), ("kept", {"s": None, "x": None}), ("late", ["0", "0"]),
         ("late", ["-1", "1"]),
     ],
-    ids=str,
 )  # fmt: skip
 def test_a_loop_with_one_entry_altered_is_refused(key, value):
     good = payload(halving(PLAIN))
@@ -404,7 +403,6 @@ def summed():
         ({"noise": 2, "force": 3}, F(1, 4) + F(1, 4) + F(3, 16)),
         ({"off": "0.25"}, F(1, 2)),
     ],
-    ids=str,
 )  # fmt: skip
 def test_the_box_of_a_linear_loop_is_what_its_pushes_sum_up_to(more, most):
     """Each push twice its share of a tick; a start off its rest is added."""
@@ -493,7 +491,6 @@ def spoiled(payload, path, value):
         (("cells", 1, "slow", 0, 1), "149/100"), (("cells", 1, "slow", 0, 0), "101/100"),
         (("tick", "steps"), lambda s: s[:-1]),
     ],
-    ids=str,
 )  # fmt: skip
 def test_sums_with_one_entry_altered_prove_nothing(summed, path, value):
     proofs.check(AXLE_FILE, summed)
@@ -533,7 +530,6 @@ def test_sums_are_of_the_loop_that_was_asked(summed):
         ("signs", [2] * 20), ("signs", []), ("signs", [1, -1] * 20), ("slow", []),
         ("pushes", ["w", "n"]), ("states", ["s"]),
     ],
-    ids=str,
 )  # fmt: skip
 def test_a_run_from_rest_with_one_entry_altered_refutes_nothing(key, value):
     refuted = proofs.write(AXLE, axle_numbers(band="0.24"))

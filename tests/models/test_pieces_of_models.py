@@ -391,7 +391,6 @@ def test_a_run_of_shares_is_what_the_bounds_are(replayed):
         {"from": "middle", "ticks": [[1, "0", "0", "1/2"], [1, "0", "0", "1/2"]]},
         {"ticks": [[1, "0", "0"]]}, {"ticks": "x"}, {"ticks": [[10**7, "0", "0", "0"]]},
     ],
-    ids=str,
 )  # fmt: skip
 def test_a_run_of_shares_that_asks_for_more_is_refused(replayed, wrong):
     with pytest.raises((DoesNotHold, BadInput)):
@@ -447,7 +446,6 @@ def test_a_path_behind_an_actuator_is_what_the_file_says(path_of):
         {"errors": ["0", "0", "0"]}, {"noise": [2, 0]}, {"noise": [1]}, {"stepped": 0},
         {"stepped": -2}, {"forward": 2}, {"from": "end"}, {"from": ["start"]}, {"errors": [1, 2]},
     ],
-    ids=str,
 )  # fmt: skip
 def test_a_path_with_one_entry_altered_is_refused(path_of, wrong):
     with pytest.raises((DoesNotHold, BadInput)):

@@ -114,7 +114,6 @@ def test_a_place_is_in_the_unit_of_what_it_is_over():
         ("over", "place"), ("cover", 3), ("cover", []), ("many", {}), ("many", "x"),
         ("numbers", 3), ("numbers", [1.0]), ("more", 1), ("begin", "1 m"),
     ],
-    ids=str,
 )  # fmt: skip
 def test_what_a_key_cannot_be_is_told_at_its_place(key, given):
     part, faults = made(**{key: given})
@@ -134,7 +133,6 @@ def test_what_a_key_cannot_be_is_told_at_its_place(key, given):
         ({"numbers": {"a": "x", "b": [1]}}, {"numbers.a", "numbers.b"}),
         ({"long": "1 m"}, {"width"}),
     ],
-    ids=str,
 )  # fmt: skip
 def test_every_fault_of_a_table_has_its_own_place(table, places):
     assert set(made(**table)[1]) == places
