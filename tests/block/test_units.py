@@ -86,6 +86,16 @@ def test_of_a_name_that_two_units_have_none_is_taken():
             unit(name)
 
 
+def test_a_unit_that_is_near_none_has_no_list_of_all():
+    """What is near is asked for; else the line ends, where a list would have hundreds."""
+    for name, near in (("Newton", "newton"), ("qqqq", "")):
+        with pytest.raises(BadInput) as told:
+            unit(name)
+        assert len(str(told.value)) < 90
+        assert ("did you mean" in str(told.value)) == bool(near)
+        assert near in str(told.value)
+
+
 @pytest.mark.parametrize(
     ("text", "why"),
     [

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from slipctl import BadInput
 from slipctl.run import store
-from slipctl.run.sweep import sweep_export
+from slipctl.run.sweep import sweep_export, sweep_store
 
 LEAVES = st.one_of(st.none(), st.booleans(), st.integers(-99, 99), st.text("aä\"\n", max_size=4),
                    st.floats(-1e9, 1e9))  # fmt: skip
@@ -129,6 +129,8 @@ def test_places_that_cannot_be_written_are_refused_without_a_trace(tmp_path: Pat
         store.check_folder(file)
     with pytest.raises(BadInput, match="file is not a folder"):
         store.check_folder(file / "new" / "deep")
+    with pytest.raises(BadInput, match="file is not a folder"):
+        sweep_store.begin(file / "new", {})
     for export, said in (
         ("nul.nc", "is a device"), ("file/below.nc", "is not a folder"),
         ("file/below.zarr", "is not a folder"), ("a.csv", "write a file that ends in"),
