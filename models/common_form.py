@@ -293,10 +293,11 @@ def of_cheng(form: str = "robust", tick: float = T_S) -> Callable[[Wheel], Block
     Its barrier of 0.02 m/s stands at a best creep of 1.21 m/s and keeps that share elsewhere.
     ``tick`` is its period in s.
     """
+    barrier = cheng.barrier_law(form)
 
     def make(w: Wheel) -> Block:
         share = w.v_best / 1.2098601
-        block = cheng.barrier_law(form).with_params(
+        block = barrier.with_params(
             k_s=cheng_barrier(w), v_sopt=w.v_best, J=w.J, r=w.r, R_g=1.0, T_max=w.T_max
         )
         wires = {

@@ -298,6 +298,16 @@ def _check_surface(where: str, values: Mapping[str, float]) -> None:
                     values["k_A"], values["k_S"])  # fmt: skip
 
 
+def _numbers_of(surface: str | Mapping[str, float], adhesion: Block) -> Mapping[str, float]:
+    """Parameters of a surface by its name, or those that are given."""
+    if not isinstance(surface, str):
+        return surface
+    if surface not in adhesion.conditions:
+        near = nearest(surface, adhesion.conditions)
+        raise BadInput(f"{adhesion.name} has no surface {surface!r}{near}")
+    return adhesion.conditions[surface]
+
+
 def peak(
     v: float,
     surface: str | Mapping[str, float] = "dry",
@@ -315,12 +325,7 @@ def peak(
     Raises:
         BadInput: unknown surface or parameter.
     """
-    if isinstance(surface, str):
-        if surface not in adhesion.conditions:
-            known = nearest(surface, adhesion.conditions)
-            raise BadInput(f"{adhesion.name} has no surface {surface!r}{known}")
-        surface = adhesion.conditions[surface]
-    at = {"v": v, **surface}
+    at = {"v": v, **_numbers_of(surface, adhesion)}
     return argmax(adhesion, "v_s", "mu", lo=0.0, hi=max(20.0, abs(v)), at=at, proven=proven)
 
 
@@ -344,7 +349,11 @@ def curtius_kniffler(v: float) -> float:
     return 7.5 / (3.6 * abs(v) + 44) + 0.161
 
 
-def slope(surface: str = "dry", adhesion: Block = polach) -> float:
-    """Slope d mu/d s_x without creep: (2/pi) (k_A + k_S) KEPS, whatever the friction."""
-    p = adhesion.param_values(**adhesion.conditions[surface])
+def slope(surface: str | Mapping[str, float] = "dry", adhesion: Block = polach) -> float:
+    """Slope d mu/d s_x without creep: (2/pi) (k_A + k_S) KEPS, whatever the friction.
+
+    Raises:
+        BadInput: unknown surface or parameter.
+    """
+    p = adhesion.param_values(**_numbers_of(surface, adhesion))
     return 2 / math.pi * float(p["k_A"] + p["k_S"]) * float(p["KEPS"])
