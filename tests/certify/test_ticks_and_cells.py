@@ -861,7 +861,7 @@ BAD = [
 
 @pytest.mark.parametrize("given", GOOD, ids=range(len(GOOD)))
 def test_numbers_and_functions_of_numbers_may_be_used(given):
-    tick_source._inspect(given, "the tick", set())
+    assert tick_source._inspect(given, "the tick", set()) is None
 
 
 @pytest.mark.parametrize("given", BAD, ids=range(len(BAD)))

@@ -194,7 +194,7 @@ def test_a_number_that_contradicts_itself_is_refused(wrong):
 
 def test_a_number_may_have_no_value_or_be_at_the_ends_of_its_range():
     for value in (MISSING, None, 0.0, 4.0, (0.0, 4.0), [0.0, None], ()):
-        number("m", value, lo=0, hi=4)
+        assert number("m", value, lo=0, hi=4).metadata["hi"] == 4
 
 
 def test_what_is_no_number_is_declared_with_its_meaning():
