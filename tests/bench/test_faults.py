@@ -478,7 +478,7 @@ CURED = {
 """Inputs that were wrong for 100 ticks: a range tells noise, rate and other inputs apart; refused
 ticks count for slow parts; an integral stands while the command is at an end."""
 
-SLOW = ("hst_traction:asmc_limited", "predictive:nmpc")
+SLOW = ("hst_traction:asmc_limited", "hst_traction:hosm_limited", "predictive:nmpc")
 
 
 @pytest.mark.parametrize("name", [

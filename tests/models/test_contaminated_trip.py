@@ -261,7 +261,7 @@ def test_patches_are_drawn_by_their_seed_alone(tmp_path):
     assert counts == {1, 2, 3, 4}
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_an_ensemble_runs_on_the_patches_of_its_draws(tmp_path):
     """Each draw is a run of its own: wheels find the drawn layer, and stop elsewhere for it."""
     path = tmp_path / "my.toml"

@@ -171,7 +171,9 @@ SLOPES = {"down": (-0.04, "dry"), "up": (0.04, "dry"), "weak": (-0.02, "leaves")
 
 
 @pytest.mark.second
-@pytest.mark.parametrize("name", [pytest.param("up", marks=pytest.mark.long), "down", "weak"])
+@pytest.mark.parametrize(
+    "name", ["down", *(pytest.param(n, marks=pytest.mark.long) for n in ("up", "weak"))]
+)
 def test_a_braked_car_stands_on_a_slope_and_starts_again_when_released(name):
     gradient, condition = SLOPES[name]
     rail = Track(conditions={"leaves": {"c": 0.18}}, gradient=gradient,

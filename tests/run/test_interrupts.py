@@ -18,7 +18,7 @@ from slipctl.run.interrupts import check, hold_interrupts, note_interrupt, raise
 
 @pytest.fixture(autouse=True)
 def _as_before():
-    """Nobody listens and interrupts are not ignored; the process has its own handlers afterwards."""
+    """Nobody listens, interrupts are not ignored; afterwards the process has its own handlers."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
     before = {n: signal.getsignal(n) for n in numbers}
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may have it ignored

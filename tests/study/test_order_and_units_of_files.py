@@ -96,7 +96,7 @@ def numbers(path: Path) -> dict[str, np.ndarray]:
     return {k: np.asarray(v, dtype=float) for k, v in found.items() if np.ndim(v) < 3}
 
 
-@pytest.mark.parametrize("name", ["metro", pytest.param("emu", marks=pytest.mark.second)])
+@pytest.mark.parametrize("name", ["metro", pytest.param("emu", marks=pytest.mark.long)])
 def test_a_file_says_the_same_in_another_order_and_in_other_units(name, tmp_path):
     text = (FILES / f"{name}.toml").read_text(encoding="utf-8")
     again = written(tomllib.loads(text), 7)
