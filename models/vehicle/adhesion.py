@@ -33,7 +33,7 @@ STEEP = 0.01
 """Adhesion at a slip of 1e-6 m/s that is a step: of laws by Hertz and Kalker it is below 1e-4."""
 
 SPEEDS, SLIPS = 14, 600
-"""How many speeds and slips a law is asked at, by equal shares; half of the slips at a speed.
+"""How many speeds and slips a law is asked at, by equal shares; a quarter of the slips at a speed.
 So many speeds again are by equal steps, where a row of a table by speed may be wrong."""
 
 SLOWEST = 0.1
@@ -100,7 +100,7 @@ def _rows_of_law(
     speeds = np.array([top])
     if by_speed:
         speeds = np.union1d(np.geomspace(top, SLOWEST, SPEEDS), np.linspace(top, 1.0, SPEEDS))
-    many = SLIPS // 2 if by_speed else SLIPS
+    many = SLIPS // 4 if by_speed else SLIPS
     for name, values in conditions.items():
         known = train.param_values(**values)
         numbers = [known[n] for n in train.params]
