@@ -48,6 +48,7 @@ def test_a_wheel_speed_that_cannot_be_does_no_harm(eppfc, tmp_path):
     assert all(f.told == f.cannot_be == f.ticks for f in found)
 
 
+@pytest.mark.long
 def test_other_inputs_that_are_missing_do_no_harm(eppfc, tmp_path):
     found = ws.faults(
         eppfc[0], "ctl", eppfc[1], tmp_path, [1.5], "plant.wheel.omega",
@@ -478,7 +479,8 @@ CURED = {
 """Inputs that were wrong for 100 ticks: a range tells noise, rate and other inputs apart; refused
 ticks count for slow parts; an integral stands while the command is at an end."""
 
-SLOW = ("hst_traction:asmc_limited", "hst_traction:hosm_limited", "predictive:nmpc")
+SLOW = ("hst_traction:asmc_limited", "hst_traction:hosm_limited", "hst_braking:efc",
+        "predictive:nmpc")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", [

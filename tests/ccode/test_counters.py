@@ -62,7 +62,8 @@ def test_what_is_around_a_slow_part_has_no_counter_of_its_own():
 
 @pytest.mark.second
 @pytest.mark.parametrize(
-    "name", ["pid", "super_twisting", pytest.param("predictive", marks=pytest.mark.long)]
+    "name",
+    ["pid", *(pytest.param(n, marks=pytest.mark.long) for n in ("super_twisting", "predictive"))],
 )
 def test_each_controller_of_the_file_that_new_writes_becomes_c(name, tmp_path, monkeypatch):
     """That of a four-axled vehicle has parts for each axle, and some that run every few ticks."""

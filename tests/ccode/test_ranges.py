@@ -66,7 +66,10 @@ def _spoilt(rows: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 @pytest.mark.second
 @pytest.mark.parametrize(
     "name",
-    ["subway_braking:sta_online", "hst_traction:hosm_limited"],
+    [
+        pytest.param("subway_braking:sta_online", marks=pytest.mark.long),
+        "hst_traction:hosm_limited",
+    ],
 )
 def test_python_and_c_give_the_same_bits_and_status_of_wrong_inputs(name, tmp_path):
     """Guarded block and module, on a recorded run in which every tenth number is wrong.

@@ -37,6 +37,7 @@ def test_the_ends_enclose_the_known_one(name, numbers, of, up, end):
     assert (found.certified < found.refuted) == up
 
 
+@pytest.mark.second
 def test_more_lag_is_never_proved_beyond_a_counterexample():
     numbers = {"g1": 36.0, "g2": 12.0, "T": 1e-3, "D": 2.0, "band": 0.1}
     found = farthest(replaced_numbers(system("reaching_law"), numbers), "lag", share=0.1)

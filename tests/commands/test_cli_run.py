@@ -365,7 +365,9 @@ kind = "none"
 """
 
 
-@pytest.mark.parametrize("broken", ["", "none", "quick"])
+@pytest.mark.parametrize(
+    "broken", ["", *(pytest.param(n, marks=pytest.mark.second) for n in ("none", "quick"))]
+)
 def test_a_controller_is_answered_as_soon_as_it_has_run(
     monkeypatch: pytest.MonkeyPatch, capsys, broken: str
 ) -> None:

@@ -30,7 +30,7 @@ def two() -> Tuned:
     return tuned(objective=BOTH, runs=24)
 
 
-@pytest.fixture(params=["one", "two"])
+@pytest.fixture(params=["one", pytest.param("two", marks=pytest.mark.second)])
 def found(request: pytest.FixtureRequest) -> Tuned:
     return request.getfixturevalue(request.param)
 
@@ -156,6 +156,7 @@ def test_the_course_is_drawn_against_its_runs(one: Tuned) -> None:
     assert "runs" in axis.get_xlabel()
 
 
+@pytest.mark.second
 def test_the_front_is_drawn_with_its_knee(two: Tuned) -> None:
     axes = drawn(two, "Means over the draws of the search: no candidate is better")
     x, y = curve(axes[0], "front")
@@ -203,6 +204,7 @@ def test_the_page_says_how_it_was_searched(found: Tuned) -> None:
     assert all(c in text for c in pictures)
 
 
+@pytest.mark.second
 def test_the_terminal_says_it_too(one: Tuned, two: Tuned) -> None:
     shown = page.text(one)
     assert str(one.search.spent) in shown

@@ -133,7 +133,7 @@ def test_coordinates_do_not_matter_when_linear_in_them():
     np.testing.assert_allclose(a["covariance"], b["covariance"], atol=1e-12)
 
 
-@pytest.mark.parametrize("form", ["recursive", "window"])
+@pytest.mark.parametrize("form", ["recursive", pytest.param("window", marks=pytest.mark.second)])
 def test_covariance_stays_bounded_without_excitation(form):
     """1e5 samples at constant slip, one direction seen; P stays positive, within the spread."""
     est = rls(double_exponential, "mu", form=form, window=16, **TWO_EXPONENTIALS)

@@ -7,7 +7,7 @@ from equipment import drawn, ended, loads, wheelsets
 
 @pytest.mark.second
 @pytest.mark.parametrize(
-    "seed", [*range(8), *(pytest.param(k, marks=pytest.mark.long) for k in range(8, 12))]
+    "seed", [*range(6), *(pytest.param(k, marks=pytest.mark.long) for k in range(6, 12))]
 )
 def test_a_drawn_vehicle_is_refused_told_or_right(seed, tmp_path):
     how, lines = ended(drawn(seed), tmp_path)

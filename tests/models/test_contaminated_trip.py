@@ -209,6 +209,7 @@ def test_a_place_behind_the_end_of_the_run_is_refused(tmp_path):
         read(tmp_path, FILE.replace('end = "standstill"', 'end = "50 m"'))
 
 
+@pytest.mark.second
 def test_a_run_tells_what_its_wheels_have_taken(tmp_path):
     """Metrics of a locked stop: books below 1e-9 (E1), heat that of the train, limits marked."""
     text = FILE.replace(
@@ -345,8 +346,10 @@ def test_sand_that_falls_behind_its_wheel_is_refused(tmp_path, old, new, words):
 
 
 @pytest.mark.second
-@pytest.mark.parametrize(("peak", "tau", "axles"), [(0.2, "0 m/J", "1234"), (0.03, "0 m/J", ""),
-                                                    (0.03, "3e-4 m/J", "34")])  # fmt: skip
+@pytest.mark.parametrize(("peak", "tau", "axles"), [
+    (0.2, "0 m/J", "1234"), pytest.param(0.03, "0 m/J", "", marks=pytest.mark.long),
+    (0.03, "3e-4 m/J", "34"),
+])  # fmt: skip
 def test_a_brake_that_is_held_back_is_told_where_the_layer_carries_the_demand(
     tmp_path, peak, tau, axles
 ):

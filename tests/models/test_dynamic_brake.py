@@ -70,7 +70,9 @@ def test_motors_give_what_power_torque_and_speed_let_them_and_friction_the_rest(
 
 
 @pytest.mark.second
-@pytest.mark.parametrize("actuator", [Lag(torque=8e3), Air(torque=8e3, reaction=0.2)])
+@pytest.mark.parametrize("actuator", [
+    Lag(torque=8e3), pytest.param(Air(torque=8e3, reaction=0.2), marks=pytest.mark.long),
+])  # fmt: skip
 def test_a_stop_is_as_long_as_by_friction_alone_and_motors_that_fail_are_replaced(actuator):
     alone = case(trip(None, actuator))
     place = "plant.train.x"

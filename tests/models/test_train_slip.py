@@ -216,6 +216,7 @@ def test_every_slip_law_takes_it_and_leading_axles_go_further(kind):
     assert ratio.max() < 0.301
 
 
+@pytest.mark.second
 def test_caution_is_that_of_the_file_its_layers_and_its_plan():
     """With two layers, 8 axles that count on the strength stop 5 % later than at their peaks."""
 

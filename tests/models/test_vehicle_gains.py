@@ -254,7 +254,7 @@ def test_a_law_is_asked_with_its_own_gains_and_the_bounds_of_its_tube(tmp_path, 
         assert n["W"] == pytest.approx(own_met.largest * 3.6 / 60)
 
 
-@pytest.mark.second
+@pytest.mark.long
 def test_half_a_range_leaves_of_a_bound_what_a_file_with_it_says(tmp_path):
     trip, found = of_file(tmp_path)
     own = loop(trip, "sta")

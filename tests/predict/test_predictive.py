@@ -235,7 +235,7 @@ def test_an_answer_of_another_solver_is_checked_before_it_is_used(solver, monkey
 
 @pytest.mark.second
 @pytest.mark.usefixtures("needs_compiler")
-@pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
+@pytest.mark.parametrize("solver", ["ipopt", pytest.param("fatrop", marks=pytest.mark.long)])
 def test_a_solver_that_calls_compiled_c_gives_the_bits_of_the_interpreted(solver):
     """For measuring times; a block that is made afterwards is interpreted again."""
     given = (10, 10.1, 2, 0, 0.3, 0.02)

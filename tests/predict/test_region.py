@@ -104,6 +104,7 @@ def test_a_linear_limit_cuts_where_its_row_touches_the_ellipsoid():
     assert abs(found.witness["a"]) == pytest.approx(0.3, rel=1e-5)
 
 
+@pytest.mark.second
 def test_a_limit_that_bends_is_enclosed(wide):
     """A round bowl a^2 + w^2/10 <= .3: its smallest V, by the eigenvalues of P against it."""
     found = find(hard={"y": (-1.0, 0.3)})

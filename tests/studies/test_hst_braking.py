@@ -277,6 +277,7 @@ def test_tolerance_of_a_distance_is_narrower_than_what_it_tells_apart():
             assert claim.allowed() < gap / 2
 
 
+@pytest.mark.second
 def test_by_the_torque_two_laws_tie_at_the_start():
     times = CLAIMS["fastest_at_0s"].ours(results())
     assert times["efc"] == times["eppfc"]
