@@ -127,12 +127,20 @@ class Browser:
         raise AssertionError(f"never true: {script}; {self.run('document.body.innerText')[:1500]}")
 
     def click(self, selector: str) -> None:
-        """Click in the middle of an element."""
-        where = self.run(
+        """Click in the middle of an element, once it is at rest there and nothing covers it."""
+        place = (
             f"(() => {{ const e = document.querySelector({json.dumps(selector)});"
             " e.scrollIntoView({block: 'nearest'}); const b = e.getBoundingClientRect();"
-            " return [b.x + b.width / 2, b.y + b.height / 2]; })()"
+            " const at = [b.x + b.width / 2, b.y + b.height / 2];"
+            " const top = document.elementFromPoint(...at);"
+            " return e.contains(top) ? at : null; })()"
         )
+        where, end = None, time.monotonic() + 10
+        while (now := self.run(place)) is None or now != where:  # answers move what is below them
+            if time.monotonic() > end:
+                raise AssertionError(f"{selector} is never at rest, or is covered")
+            where = now
+            time.sleep(0.1)
         self.mouse("mousePressed", *where)
         self.mouse("mouseReleased", *where)
 
