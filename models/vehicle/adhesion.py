@@ -39,9 +39,6 @@ So many speeds again are by equal steps, where a row of a table by speed may be 
 SLOWEST = 0.1
 """Speed in m/s down to which a law is asked: a braked vehicle comes to a stand."""
 
-RISES = 1.2
-"""How much more a rail may carry at speed than at a quarter of it, with none of it surely odd."""
-
 NOTHING = 1e-9
 """Adhesion that is none."""
 

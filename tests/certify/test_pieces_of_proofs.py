@@ -72,7 +72,9 @@ def test_the_quadratic_function_behind_a_lag_falls(share, lags):
         patch.setattr(smtlib, "sum_term", lambda a, b: ("sum", a, b))
         linear_kind._lag_step({"K": K, "T": T, "lag": lag}, {})
     (_, P, (low, high)) = told[0]
-    assert low <= F(math.exp(-T / lag)) <= high
+    with localcontext(prec=40):  # to more digits than the ends have
+        ratio = -T / lag
+        assert low <= Fraction((Decimal(ratio.numerator) / ratio.denominator).exp()) <= high
     assert 0 < high - low < F(1, 10**14)
     P = np.array([[P[0], P[1]], [P[1], P[2]]], float)
     E = math.exp(-T / lag)

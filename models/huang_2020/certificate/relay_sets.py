@@ -79,8 +79,7 @@ class Absorbing:
         may be anything between -1 and 1: the polygon is convex.
         """
         faces = self._faces()
-        half = upper_half(self.corners) if faces else []
-        if faces is None or len(half) < 3:
+        if not faces or len(half := upper_half(self.corners)) < 3:
             return False
         (Ds, _), (Da, _) = self._whole
         push = self.law.T * self.law.D
