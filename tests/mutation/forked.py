@@ -271,9 +271,12 @@ def noticing(
         said = asked_in_a_child(site, [items[n] for n in left], live, limit)
         if said == NOT_IN:
             break
-        if said not in items or not asked_in_a_child(None, [items[said]], live, limit):
+        failing = [said] if said in items else left
+        if not said or not asked_in_a_child(None, [items[n] for n in failing], live, limit):
             if said or not alone:
                 return said
+            break
+        if said not in items:  # what is not changed takes as long here
             break
         left = left[left.index(said) + 1 :]
     said = asked_alone(site, names, 60 + 8 * sum(near.seconds[n] for n in names))
