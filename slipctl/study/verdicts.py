@@ -64,6 +64,10 @@ def judge(
     except NotRun as missing:
         left = NOT_RUN if NOT_RUN in str(missing) else ""
         return Verdict(claim, None, OPEN, str(missing), left)
+    except ZeroDivisionError:  # a share of what is 0 with another law, say
+        if changed is None:
+            raise
+        ours = None
     other = changed(claim, set(results.asked)) if changed else ""
     if other:
         return Verdict(claim, None, OPEN, other, CHANGED)

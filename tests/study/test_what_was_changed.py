@@ -25,6 +25,8 @@ from slipctl.run.results import NotRun, Results, known_column
 from slipctl.run.warnings.wheels import RELEASES, _ended_releases, _wrong_speed
 from slipctl.study import case_setup, resolve
 from slipctl.study.claim_scope import changes
+from slipctl.study.declaration import FAILED, OPEN
+from slipctl.study.verdicts import CHANGED, judge
 
 STUDY = toy_study.study
 CASES, MODELS = case_setup.prepare(STUDY, quick=True)
@@ -66,6 +68,15 @@ def test_a_swap_touches_numbers_and_of_a_part_of_the_controller_all():
     changed = changes(RESULTS, [], ["law=my.py:law"], {"law": lambda: ctl})  # may be anywhere
     assert changed(ripple, {"base/soft"}) == "law of base/soft was changed"
     assert changes(RESULTS, [], [], MODELS) is None
+
+
+def test_an_answer_that_divides_by_what_is_nought_now_has_no_value():
+    nought = replace(CLAIM["ripple"], ours=lambda results: 1.0 / len(results.failed))
+    for wrong, left, verdict in (("", "", FAILED), ("car.m was changed", CHANGED, OPEN)):
+        told = judge(nought, RESULTS, lambda claim, asked, wrong=wrong: wrong)
+        assert (told.ours, told.left, told.verdict) == (None, left, verdict)
+    with pytest.raises(ZeroDivisionError):  # of the study as it stands it is a fault
+        judge(nought, RESULTS)
 
 
 def test_swaps_and_settings_are_done_each_in_turn_and_told_as_typed(tmp_path):
