@@ -66,7 +66,10 @@ def made(law, mode, axles, demand, reference):
 
 @pytest.mark.parametrize(
     "choice",
-    [pytest.param(c, marks=[pytest.mark.second] if c["axles"] > 4 else []) for c in TAKEN],
+    [
+        pytest.param(c, marks=[pytest.mark.second] if c["axles"] > 4 or c["law"] == "nmpc" else [])
+        for c in TAKEN
+    ],
     ids=lambda c: "-".join(map(str, c.values())),
 )
 def test_every_law_runs_on_every_vehicle(choice):

@@ -383,9 +383,12 @@ def test_speed_of_wheels_leaves_the_truth_by_its_rate():
     assert abs(slope + 1.5) < 1e-6
 
 
-@pytest.mark.parametrize("name", [*SLIP_LAWS, "nmpc"])
-@pytest.mark.parametrize("mode", ["brake", "drive"])
-def test_every_slip_law_controls_every_vehicle(name, mode):
+@pytest.mark.parametrize(("mode", "name"), [
+    *(("brake", n) for n in (*SLIP_LAWS, "nmpc")), ("drive", "sta"), ("drive", "pid"),
+    *(pytest.param("drive", n, marks=pytest.mark.second)
+      for n in (*SLIP_LAWS, "nmpc") if n not in ("sta", "pid")),
+])  # fmt: skip
+def test_every_slip_law_controls_every_vehicle(mode, name):
     # one axle held at the best slip, two with a demand; on a rail that bears neither demand
     part = Predictive() if name == "nmpc" else SlipLaw(kind=name)
     slippery = Track(sections=(Stretch(place=0.0, condition="ice"),))
