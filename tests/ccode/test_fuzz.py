@@ -171,7 +171,8 @@ def test_parameters_and_inputs_without_ends_are_drawn_from_numbers_of_a_usual_si
     @step(period=0.01, y=Output("1", lo=-3), z=Output("1", hi=7))
     def free(
         u=Input("1", value=(2.5, -3.5), shape=(2,), lo=-4), v=Input("1", value=-201.5, hi=-200),
-        k=Param("1", 2.0), m=Param("1", 2500.0, lo=2000), n=Param("1", (-6e3, -7e3), shape=(2,), hi=-5000),
+        k=Param("1", 2.0), m=Param("1", 2500.0, lo=2000),
+        n=Param("1", (-6e3, -7e3), shape=(2,), hi=-5000),
     ):  # fmt: skip
         """Without ends."""
         return {}, dict(y=k * u[0] + v, z=m + n[1])

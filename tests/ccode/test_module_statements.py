@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 
 import pytest
 from test_asked_outputs import pair
 
-from slipctl import Input, Output, Param, State, step
-from slipctl.ccode.module import guard_functions, header, source
+from slipctl import BadInput, Input, Output, Param, State, connect, replicate, step
+from slipctl.ccode.module import guard_functions, header, rates, source
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.ship import a2l
 from slipctl.ccode.tree.printer import lines_of
@@ -160,3 +161,90 @@ def test_without_a_range_a_tool_may_set_any_number_of_the_type(real: str, most: 
     assert [(float(lo), float(hi)) for lo, hi in ends] == [
         (-float(most), float(most)), (-7, float(most)), (-float(most), 5.5), (1, float(largest)),
     ]  # fmt: skip
+
+
+@step(period=0.01, y=Output("1", lo=-99, hi=99))
+def kept(
+    x=State("1", 0.25, lo=-99, hi=99),
+    a=State("1", (1.0, 2.0) * 3, shape=(6,), lo=-9, hi=9),
+    b=State("1", (0.0,) * 4, shape=(4,), lo=-9, hi=9), c=State("1", 0.0, lo=0, hi=1),
+    d=State("1", (4.0, 5.0), shape=(2,), lo=-9, hi=9),
+    e=State("1", "k * 2", lo=0, hi=10), f=State("1", "k * 2 + at", shape=(4,), lo=0, hi=19),
+    g=State("1", (7.0,) * 3, shape=(3,), lo=-9, hi=9),
+    u=Input("1", lo=-1, hi=1), k=Param("1", 2.0, lo=0, hi=5),
+    at=Param("1", (1.0, 2.0, 3.0, 4.0), shape=(4,), lo=0, hi=9),
+):  # fmt: skip
+    """Starts of all kinds."""
+    return dict(x=x + u, a=a * 2, b=b, c=c, d=d, e=e, f=f, g=g), dict(y=x + a[0] + b[1])
+
+
+def test_states_begin_as_a_struct_of_what_is_not_0_and_then_their_arrays() -> None:
+    """In the whole of two each is a struct of its own; alone there is none."""
+    two = connect("two", {"p.u": "u", "q.u": "p.y"}, p=kept, q=kept)
+    plan = Plan(two, "two")
+    assert [name for name, _ in plan.layout.kept] == ["p", "q"]
+    for part, own in plan.layout.kept:
+        made = lines_of(source._begun(plan, own))
+        letter = made[0].split()[2]
+        assert made == [
+            f"const double {letter} = 2.0 * param->{part}_k;",
+            f"state->{part} = (struct two_kept_{part}){{.x = 0.25, .d = {{4.0, 5.0}},"
+            f" .e = {letter}}};",
+            f"state->{part}_a[0] = 1.0;", f"state->{part}_a[1] = 2.0;",
+            f"for (int k = 2; k < 6; ++k) {{ state->{part}_a[k] = state->{part}_a[k - 2]; }}",
+            "for (int i = 0; i < 4; ++i) {"
+            f" state->{part}_f[i] = {letter} + param->{part}_at[i]; }}",
+            f"fill(state->{part}_g, 3, 7.0);",
+        ]  # fmt: skip
+    alone = Plan(kept)
+    assert lines_of(source._begun(alone, alone.layout.states)) == [
+        "state->x = 0.25;", "state->a[0] = 1.0;", "state->a[1] = 2.0;",
+        "for (int k = 2; k < 6; ++k) { state->a[k] = state->a[k - 2]; }", "fill(state->b, 4, 0.0);",
+        "state->c = 0.0;", "state->d[0] = 4.0;", "state->d[1] = 5.0;", "fill(state->g, 3, 7.0);",
+        "const double a1 = 2.0 * param->k;", "state->e = a1;",
+        "for (int i = 0; i < 4; ++i) { state->f[i] = a1 + param->at[i]; }",
+    ]  # fmt: skip
+
+
+@step(period=0.01, y=Output("1", lo=-99, hi=99))
+def of_each(
+    x=State("1", "2 * k", lo=-99, hi=99), w=State("1", "k + 1", shape=(3,), lo=-9, hi=9),
+    u=Input("1", lo=-1, hi=1), k=Param("1", 2.0, lo=0, hi=5),
+):  # fmt: skip
+    """A number, and three of which each begins as the first."""
+    return dict(x=x + u, w=w * 2), dict(y=x + w[0])
+
+
+def test_copies_begin_by_their_own_numbers_or_all_by_one() -> None:
+    plan = Plan(replicate(of_each, 4, distinct=("k",)), "ctl")
+    x, w = ([line for n in plan.start_lines((m,), k, "state->") for line in lines_of([n])]
+            for k, m in enumerate(plan.layout.states))  # fmt: skip
+    assert x == ["for (int i = 0; i < 4; ++i) { state->x[i] = 2.0 * param->k[i]; }"]
+    assert " ".join(" ".join(w).split()) == (
+        "for (int i = 0; i < 4; ++i) { const double a1 = param->k[i] + 1.0;"
+        " state->w[3 * i] = a1; } for (int k = 1; k < 12; ++k) {"
+        " if ((k % 3) != 0) { state->w[k] = state->w[k - 1]; } }"
+    )
+    plan = Plan(replicate(of_each, 4), "ctl")
+    x, w = (lines_of(plan.start_lines((m,), k, "state->"))
+            for k, m in enumerate(plan.layout.states))  # fmt: skip
+    assert x == ["const double a1 = 2.0 * param->k;", "fill(state->x, 4, a1);"]
+    assert w == ["const double a2 = param->k + 1.0;", "fill(state->w, 12, a2);"]
+
+
+@pytest.mark.parametrize(
+    ("period", "ticks", "name"),
+    [
+        (0.005, 1, "5ms"), (0.001, 5, "5ms"), (2e-4, 1, "200us"), (2e-4, 5, "1ms"),
+        (1.1e-3, 1, "1100us"), (0.0125, 1, "12500us"), (3e-7, 1, "every_1"), (None, 7, "every_7"),
+        (1e-3 / 3, 3, "1ms"), (1e-3 / 3, 1, "every_1"), (4e-7, 3, "every_3"), (7e-6, 3, "21us"),
+    ],
+)  # fmt: skip
+def test_a_step_for_a_rate_is_called_by_its_whole_time(period, ticks, name) -> None:
+    assert rates._rate(SimpleNamespace(period=period), ticks) == name
+
+
+def test_a_solver_of_casadi_has_no_step_for_each_rate() -> None:
+    plan = SimpleNamespace(equations=SimpleNamespace(static=["f"]), block=kept)
+    with pytest.raises(BadInput, match="kept has a solver of CasADi, which may fail; leave it out"):
+        rates.groups(plan)
