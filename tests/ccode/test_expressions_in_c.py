@@ -209,7 +209,7 @@ def test_of_a_choice_and_of_numbers_it_is_known_what_they_can_be() -> None:
         ca.inf,
         -ca.inf,
     ]
-    assert written([*results, ca.nan], kinds)[2] == [
+    assert written([*results, float("nan")], kinds)[2] == [
         NUMBER, FINITE, ANY, FINITE, NUMBER, NUMBER, ANY]  # fmt: skip
 
 
