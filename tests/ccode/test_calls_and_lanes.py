@@ -71,11 +71,29 @@ def test_calls_that_are_no_iteration_stay(at: int, line: str) -> None:
     assert with_pass(roll_calls, lines, set()) == laid_out(lines)
 
 
+def test_a_local_of_the_calls_may_have_the_name_of_the_loops_variable() -> None:
+    lines = [line.replace("b_1", "b_now") for line in STEPS]
+    assert with_pass(roll_calls, lines, set()) == [
+        "double b_now = x;", "for (int i = 0; i < 3; ++i) { f(b_now, u, &b_now); }", "*y = b_now;",
+    ]  # fmt: skip
+
+
+def test_calls_of_which_the_last_alone_has_a_local_for_an_array_stay() -> None:
+    lines = []
+    for k in range(1, 4):
+        lines += [f"double b_{k};", *["double w_3[2];"] * (k == 3)]
+        lines += [f"f({f'b_{k - 1}' if k > 1 else 'x'}, &b_{k}, {'w_3' if k == 3 else 'r'});"]
+    lines += ["*y = b_3 + w_3[1];"]
+    assert with_pass(roll_calls, lines, set()) == laid_out(lines)
+
+
 def test_a_result_is_handed_over_only_where_it_goes_to_one_place_alone() -> None:
     lines = ["double a;", "double b;", "double c;", "f(x, &a, &b, &c);", "*p = a;", "*q = 2.0 * b;",
              "r->s = c;"]  # fmt: skip
     assert with_pass(hand_results, lines) == laid_out(
         ["double b, c;", "f(x, p, &b, &c);", *lines[5:]])  # fmt: skip
+    lines = ["double a;", "double b;", "f(x, &a, &b);", "*p = other;", "*q = b;", "*r = a;"]
+    assert with_pass(hand_results, lines) == ["f(x, r, q);", "*p = other;"]
     for more in ("*q = a;", "w = a;", "g(p);"):
         stays = ["double a;", "f(x, &a);", "*p = a;", more]
         assert with_pass(hand_results, stays) == stays
@@ -178,6 +196,25 @@ def test_what_is_not_the_same_for_each_axle_stays_in_its_order(lines: list[str])
     assert all(period for _, period in lanes(lines)[1])
 
 
+@pytest.mark.parametrize(
+    "others",
+    [
+        [f"const double d_{k} = w_{k} - w_{k - 1};" for k in (1, 2)],  # of two that are there
+        ["const double m_0 = w_0 + x[5];", "const double m_1 = w_1 + m_0;",
+         "const double m_2 = w_2 - m_1;"],  # a chain whose last axle does another thing
+        ["y[1] = w_0 + w_1;", "y[0] = w_0 - w_2;"],  # no locals
+        ["const double d = u[0] - w_1;", "const double e = w_0 - w_2;"],  # an element of the other
+    ],
+    ids=["differences", "broken chain", "results", "elements"],
+)  # fmt: skip
+def test_what_joins_two_axles_keeps_no_other_from_standing_together(others: list[str]) -> None:
+    each = [[f"const double w_{k} = u[{k}] * x[4];", f"z[{k}] = w_{k} * w_{k};"] for k in range(3)]
+    lines = [*(w for w, _ in each), *others, *(z for _, z in each)]
+    found, runs = lanes(lines)
+    assert found == [line for own in each for line in own] + others
+    assert runs == [(0, 2)]
+
+
 def test_a_loop_over_axles_keeps_what_is_read_of_one_of_them() -> None:
     lines = [*(f"const double w_{k} = u[{k}] * x[4];" for k in range(4)),
              *(f"const double e_{k} = w_{k} - x[5];" for k in range(4)),
@@ -195,7 +232,8 @@ def test_a_statement_waits_for_what_it_reads_and_for_who_reads_what_it_writes() 
         "const double a = u[0];": set(), "y[0] = a * x[1];": {0}, "y[1] = y[0];": {1},
         "x[1] = 2.0;": {1}, "y[0] = x[2];": {1, 2}, "m->s = y[1];": {2},
         "y[2] += m->s;": {2, 4, 5}, "for (int i = 0; i < 3; ++i) { y[i] = a; }": {0, 1, 2, 4, 5, 6},
-        "const double b = y[0];": {4, 7}, "m->s = b;": {6, 8}, "const double d = x[1] + m->s;": {3, 9},
+        "const double b = y[0];": {4, 7}, "m->s = b;": {6, 8},
+        "const double d = x[1] + m->s;": {3, 9},
     }  # fmt: skip
     found = _before(code("\n".join(rows)))
     assert found == list(rows.values())
