@@ -18,7 +18,8 @@ def rolled(lines: list[str], taken: set[str] = frozenset()) -> list[str]:  # typ
 def test_what_saves_too_little_stays_and_what_comes_behind_it_is_still_a_loop() -> None:
     """Of three lines one loop saves two; what stands before and behind does not count."""
     few = [f"y[{k}] = x[{k}];" for k in range(3)]
-    lines = ["const bool t = u > w;", *few, "const double b = t ? u : w;", "*z = b;"]
+    before = ["const bool t = u > w;", "const double q = u / w + 1.5;", "*g = q;", "g(q);"]
+    lines = [*before, *few, "const double b = t ? u : w;", "*z = b;"]
     assert rolled(lines) == lines
     many = [f"v[{k}] = b * x[{k}];" for k in range(5)]
     assert rolled([*lines, *many]) == [*lines, "for (int i = 0; i < 5; ++i) { v[i] = b * x[i]; }"]
