@@ -18,6 +18,7 @@ from slipctl.ccode.compile import compilers
 from slipctl.ccode.compile.files import WARNINGS
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.request import Content
+from slipctl.ccode.ship.bus import bus_files as files
 from slipctl.commands.cli import main
 
 CC = compilers.first_compiler()
@@ -191,3 +192,56 @@ def test_the_command_takes_them(tmp_path, capsys):
     assert "\n" not in said
     assert main([*words, "--const-section", 'a"b']) == 2
     assert "names no section" in capsys.readouterr().err
+
+
+@step(period=0.01, y=Output("int", lo=0, hi=9), z=Output("1", lo=-9, hi=9))
+def told(x=State("1", 0.5, lo=-9, hi=9)):
+    """Without inputs."""
+    return dict(x=x), dict(y=3, z=x)
+
+
+@step(
+    period=0.01, y=Output("m", lo=-9, hi=9), w=Output("m", shape=(2,), lo=0, hi=2),
+    m=Output("bool"),
+)  # fmt: skip
+def spoken(
+    v=Input("m", lo=-1, hi=9), u=Input("m/s", shape=(3,), lo=0, hi=1), on=Input("bool"),
+    k=Input("int", lo=0, hi=9), z=Input("1"),
+):  # fmt: skip
+    """Of each kind, alone and several."""
+    return {}, dict(y=v, w=u[:2], m=on)
+
+
+SPOKEN = ["v=int16:1mm:4m", "u=uint8:0.01m/s", "y=int16:2mm:0.5m", "w=uint16:1m"]
+
+
+def test_each_signal_of_a_bus_is_turned_by_its_own_resolution_and_offset():
+    """A resolution of 1 and an offset of 0 are no operations."""
+    made = files(Plan(spoken), SPOKEN)
+    body = made["spoken_bus.c"].partition("    int status;\n")[2].splitlines()
+    assert [line.strip() for line in body[:-1]] == [
+        "given.v = (double)in->v * 0.001 + 4.0;", "for (int k = 0; k < 3; ++k) {",
+        "given.u[k] = (double)in->u[k] * 0.01;", "}", "given.on = in->on ? 1.0 : 0.0;",
+        "given.k = (double)in->k;", "given.z = in->z;",
+        "status = spoken_step(&given, param, state, &told);",
+        "out->y = (int16_t)whole((told.y - 0.5) / 0.002, -32768.0, 32767.0);",
+        "for (int k = 0; k < 2; ++k) {", "out->w[k] = (uint16_t)whole(told.w[k], 0.0, 65535.0);",
+        "}", "out->m = told.m > 0.5;", "return status;",
+    ]  # fmt: skip
+    members = re.findall(r"^    (\w+) (\w+(?:\[\d\])?);$", made["spoken_bus.h"], re.M)
+    assert members == [
+        ("int16_t", "v"), ("uint8_t", "u[3]"), ("bool", "on"), ("uint8_t", "k"), ("double", "z"),
+        ("int16_t", "y"), ("uint16_t", "w[2]"), ("bool", "m"),
+    ]  # fmt: skip
+    for said in ("one is 0.001 m, plus 4 m", "one is 0.002 m, plus 0.5 m", "one is 1 m */"):
+        assert said in made["spoken_bus.h"]
+
+
+def test_a_step_without_inputs_is_given_none_by_a_bus():
+    text = files(Plan(told), [])["told_bus.c"]
+    assert "int told_step_bus(const told_param *param,\n" in text
+    assert text.partition("    int status;\n")[2].split("\n")[:4] == [
+        "    given.unused = 0;", "    status = told_step(&given, param, state, &told);",
+        "    out->y = (uint8_t)whole(told.y, 0.0, 255.0);", "    out->z = told.z;",
+    ]  # fmt: skip
+    assert "static int32_t whole(double x, double lo, double hi)" in text

@@ -167,6 +167,24 @@ def test_what_is_drawn_lies_in_the_range_and_good_inputs_do(lo, width, value) ->
     assert "finite(numbers" not in text
 
 
+def test_parameters_and_inputs_without_ends_are_drawn_from_numbers_of_a_usual_size() -> None:
+    @step(period=0.01, y=Output("1", lo=-3), z=Output("1", hi=7))
+    def free(
+        u=Input("1", value=(2.5, -3.5), shape=(2,), lo=-4), v=Input("1", value=-201.5, hi=-200),
+        k=Param("1", 2.0), m=Param("1", 2500.0, lo=2000),
+        n=Param("1", (-6e3, -7e3), shape=(2,), hi=-5000),
+    ):  # fmt: skip
+        """Without ends."""
+        return {}, dict(y=k * u[0] + v, z=m + n[1])
+
+    text = fuzz.harness(Plan(free))
+    assert _table(text, "range_in") == [[-4, 100], [-4, 100], [-300, -200]]
+    assert _table(text, "range_param") == [[-1e3, 1e3], [2e3, 3e3], *[[-6e3, -5e3]] * 2]
+    most = float(np.finfo(np.float64).max)
+    assert _table(text, "range_out") == [[-3, most], [-most, 7]]
+    assert _table(text, "good") == [[2.5], [-3.5], [-201.5]]
+
+
 @pytest.mark.parametrize("period", [0.01, 0.001])
 def test_good_inputs_last_until_every_fault_is_over(period: float) -> None:
     """However late an input may be, and however short a tick is."""

@@ -125,3 +125,34 @@ def test_made_up_inputs_fill_their_ranges_about_what_is_declared(width):
     assert np.ptp(c[0]) > 0.9 * 2.5 * width
     assert not np.allclose(c[0], c[1])
     assert len(np.unique(b)) > 150
+
+
+@step(period=0.01, y=Output("1"))
+def open_ended(
+    a=Input("1", value=20.0, hi=50), b=Input("1", value=0.25, shape=(2,), lo=-1e38, hi=1e38),
+    c=Input("1", value=-6.0, lo=-3), d=Input("1", value=7.0, lo=0, hi=8, change=0.5),
+    e=Input("1"),
+):  # fmt: skip
+    """Inputs without an end, and one that follows."""
+    return {}, dict(y=a + b[0] + c + d + e)
+
+
+@pytest.mark.parametrize("width", [1.0, 0.1, 1e-4])
+def test_made_up_inputs_are_multiples_of_the_golden_ratio_each_begun_elsewhere(width):
+    """Without an end it is as far away as the value is from 0, and 1 at least."""
+    rows = comparison.trial_rows(Plan(open_ended, "open_ended", 0.01), width)
+    tick = np.arange(1, comparison.TRIAL + 1)
+    ends = [(0.0, 50.0, 20.0), *[(-0.75, 1.25, 0.25)] * 2, (-3.0, 0.0, -3.0), (0.0, 8.0, 7.0),
+            (-1.0, 1.0, 0.0)]  # fmt: skip
+    for k, (lo, hi, centre) in enumerate(ends):
+        share = (tick * (5**0.5 - 1) / 2 + (k + 1) * 2**0.5) % 1.0
+        wanted = centre * (1 - width) + (lo + (hi - lo) * share) * width
+        if k == 4:
+            wanted = comparison._followed(wanted, 0.5)
+        assert rows[:, k] == pytest.approx(wanted, abs=2e-6)
+
+
+def test_a_column_follows_by_nine_tenths_of_a_change_and_stays_where_it_came_to():
+    column = np.array([3.0, 3.25, 4.0, 4.0, 0.0, 2.5])
+    assert comparison._followed(column, 0.5).tolist() == pytest.approx(
+        [3.0, 3.25, 3.7, 4.0, 3.55, 3.1])  # fmt: skip

@@ -165,6 +165,44 @@ def test_a_manifest_of_others_makes_nothing_ours(manifest: str, tmp_path: Path) 
     refused("was not written by slipctl", check_folder, tmp_path, ["a.c"])
 
 
+def test_names_of_devices_and_files_that_came_in_between_are_refused(tmp_path: Path) -> None:
+    """Whoever publishes asks again, as a file may have come while the module was made."""
+    refused("aux.c is a device on Windows", check_folder, tmp_path, ["a.c", "aux.c", "b.c"])
+    refused("nul is a device on Windows", check_folder, tmp_path / "nul" / "out", [])
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "b.c").write_text("mine")
+    refused("was not written by slipctl", publish, folder, listed(a_c="1", b_c="2", c_c="3"))
+    assert [f.name for f in folder.iterdir()] == ["b.c"]
+    assert (folder / "b.c").read_text() == "mine"
+
+
+def test_a_folder_a_period_and_numbers_are_looked_at_before_anything_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none_is_made(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(codegen, "_replayed", none_is_made)
+    refused(
+        r"C: the folder to write is 3; write its path, such as 'out'", codegen.c_module, twice, 3
+    )
+    refused("c_module: period", codegen.c_module, twice, tmp_path, period=0.0)
+    refused("c_module: period", codegen.c_module, twice, tmp_path, period=-0.01)
+    for name in ("twice.c", "vectors.txt", MANIFEST):
+        folder = tmp_path / name.partition(".")[0]
+        folder.mkdir()
+        (folder / name).write_text("mine")
+        refused("was not written by slipctl", codegen.c_module, twice, folder)
+
+    def never(block: object) -> None:
+        raise BadInput(f"{block.name}: k does not go with u")
+
+    monkeypatch.setattr(codegen, "check_guards", never)
+    refused("twice: k does not go with u", codegen.c_module, twice, tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+
+
 def test_a_manifest_speaks_of_its_own_folder_alone(tmp_path: Path) -> None:
     """A file that it names elsewhere is not taken away."""
     folder = tmp_path / "out"

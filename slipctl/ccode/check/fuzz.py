@@ -70,7 +70,7 @@ def harness(plan: Plan) -> str:
         for m in members:
             lo, hi = plan.limits(m)
             # where there is no end, numbers of a usual size are drawn, and raw bytes besides
-            lo = lo if np.isfinite(lo) else min(-least, hi)
+            lo = lo if np.isfinite(lo) else min(-least, hi - least)
             hi = hi if np.isfinite(hi) else max(least, lo + least)
             rows += [f"{{{number(lo)}, {number(hi)}}}"] * m.size
         return ", ".join(rows or ["{0.0, 0.0}"])

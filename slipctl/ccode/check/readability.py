@@ -99,8 +99,7 @@ def _equations(plan: Plan, source: str) -> list[dict[str, Any]]:
         here = [_whole(t, own) for t in _RESULT.findall(line)]
         given.setdefault(function, []).extend(here)
         alone, behind = _ALONE.match(line), _ORIGIN.match(line)
-        if not (line.lstrip().startswith("/*") or (lines[begun:k] and not _ended(lines[k - 1]))):
-            begun = k
+        begun = k if _ended(lines[k - 1]) else begun
         told = alone or behind
         if told is None:
             continue

@@ -208,7 +208,7 @@ class _Run:
             q for q in range(self.period)
             if q not in arrays and q not in self.first and names[last][q] in words
         }  # fmt: skip
-        kinds = [x.head.removeprefix("const ") for x in lines[self.start :][: self.period]]
+        kinds = [x.head.removeprefix("const ") for x in self.second]  # as in each block
         rows = list(zip(*names, strict=True))
         given = [  # the model may name one of the last block only
             row[0] if q in self.first else next((n for n in row if not _is_letter(n)), row[0])
