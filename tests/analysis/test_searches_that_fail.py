@@ -67,7 +67,7 @@ def test_poles_of_an_observer_that_cannot_be_placed_are_refused():
     gains = np.array([[float(made.param_values()[f"L_{n}_{m}"]) for m in "pq"] for n in "abc"])
     A, C = np.array([[-2.0, 1, 0], [-1, 0, 1], [1, 0, -3]]), np.array([[1.0, 0, 0], [0, 0, 1]])
     assert np.sort(np.linalg.eigvals(A - gains @ C).real) == pytest.approx([-7, -5, -5], rel=1e-6)
-    with pytest.raises(BadInput, match="these poles cannot be placed .*; make them differ"):
+    with pytest.raises(BadInput, match=r"these poles cannot be placed .*; make them differ"):
         luenberger(chain, [-5.0, -5.0, -5.0], measured=["p", "q"])
 
 

@@ -90,7 +90,7 @@ def test_names_that_are_taken_get_an_x():
 
 @pytest.mark.parametrize("kind", [ctukf, ekf], ids=["ctukf", "ekf"])
 def test_a_start_variance_that_an_implicit_step_would_forget_is_refused(kind):
-    """P' = -P - P^2/R: Euler's limit is 2/(1 + 2 P/R), of 10 and 0.04 over ticks of 10 ms 40 us."""
+    """P' = -P - P^2/R: Euler's limit is 2/(1 + 2 P/R), with 10 and 0.04 in 10 ms 40 us."""
     given = {"noise": 0.04, "drift": 0.0, "form": "differential", "method": "implicit_euler"}
     text = (
         r"a step of 10 ms too long for implicit_euler, 0\.04 ms would do; use substeps=251, a sma"
