@@ -112,7 +112,7 @@ def test_a_solver_that_is_not_there_is_refused():
     available("here", "osqp")
     available("here", "ipopt")
     for missing in ("mosek9", "none"):
-        with pytest.raises(BadInput, match=f"here: CasADi has no {missing} here; use missing="):
+        with pytest.raises(BadInput, match=f"here: CasADi has no {missing} here; use solver="):
             available("here", missing)
     with pytest.raises(BadInput, match="FATROP takes no rates and no moves"):
         make(solver="fatrop", rates={"F": 1.0})
