@@ -163,8 +163,8 @@ def test_a_log_has_the_ends_of_the_intervals_of_all_phases():
     assert log.attrs["scenario"] == "the way"
     assert log["time"].values == pytest.approx([0, 0.375, 1.5, 1.5, 1.625, 2.0])
     assert log["time"].attrs["units"] == "s"
-    states = np.array([found.x0, *(points[0, i, 2] * found.scale for i in (0, 1)),
-                       *(points[k, i, 2] * found.scale for k, i in ((0, 1), (1, 0), (1, 1)))])  # fmt: skip
+    ends = [points[k, i, 2] * found.scale for k, i in ((0, 0), (0, 1), (0, 1), (1, 0), (1, 1))]
+    states = np.array([found.x0, *ends])
     for i, n in enumerate("xve"):
         assert log[n].values == pytest.approx(states[:, i])
     held = np.array([*controls[0][[0, 1, 1]], *controls[1][[0, 1, 1]]]) * size
