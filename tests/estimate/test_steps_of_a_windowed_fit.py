@@ -237,6 +237,7 @@ def test_numbers_of_the_estimators():
     found = _weights("N", [3.0, 4.0], [5.0, 6.0])
     assert ranges(found) == {
         "forgetting": (1.0, 1e-3, 1), "noise": (1e-2, 1e-12, np.inf),
-        "spread": (3.0, 1e-12, np.inf), "centre": (5.0, -np.inf, np.inf), "accuracy": (0.05, 1e-9, np.inf),
+        "spread": (3.0, 1e-12, np.inf), "centre": (5.0, -np.inf, np.inf),
+        "accuracy": (0.05, 1e-9, np.inf),
     }  # fmt: skip
     assert [found[2].value.tolist(), found[3].value.tolist()] == [[3.0, 4.0], [5.0, 6.0]]
