@@ -77,6 +77,11 @@ def linear(
     import control
 
     A, B, C, D, columns, rows = matrices(block, at, inputs, outputs)
+    if not columns or not rows:
+        raise BadInput(
+            f"linear({block.name}): python-control needs an input and an output; a parameter may be"
+            f" one, inputs=[{next(iter(block.params), 'name')!r}]"
+        )
     return control.StateSpace(
         A, B, C, D, _sampling(block), name=block.name,
         states=_plain(_elements(block, "state").values()),
@@ -96,11 +101,6 @@ def matrices(
     """
     columns = _chosen(block, inputs or block.inputs, "input", "param")
     rows = _chosen(block, outputs or block.outputs or block.states, "output", "state")
-    if not columns or not rows:
-        raise BadInput(
-            f"linear({block.name}): python-control needs an input and an output; a parameter may be"
-            f" one, inputs=[{next(iter(block.params), 'name')!r}]"
-        )
     slopes: Any = _slopes(block)(*_packed(block, at))
     A, B, C, D = (np.array(ca.DM(m).full()) for m in slopes)
     C, D = np.vstack([C, np.eye(len(A))]), np.vstack([D, np.zeros((len(A), D.shape[1]))])

@@ -129,8 +129,7 @@ def _refuse_nonlinear(where: str, block: Block, seen: list[str]) -> None:
 
 def _matrices(block: Block, seen: list[str]) -> tuple[np.ndarray, np.ndarray]:
     zero = dict.fromkeys((*block.states, *block.inputs), 0.0)
-    inputs = list(block.inputs) or [next(iter(block.params))]
-    A, _, C, *_ = matrices(block, zero, inputs, seen)
+    A, _, C, *_ = matrices(block, zero, None, seen)
     return A, C
 
 
