@@ -157,3 +157,10 @@ def test_a_file_of_the_largest_size_is_read_and_no_larger_one(monkeypatch, tmp_p
     path.write_bytes(b"1" * (5 << 20))
     with pytest.raises(BadInput, match="has 5 MB or more; cut it into files of at most 3 MB"):
         text_of(path)
+
+
+def test_a_row_of_ones_above_a_head_is_no_row_of_units(tmp_path):
+    """It is a row of the table before."""
+    found, told = read(tmp_path, "a;b;c\n0;0;0\n1;1;1\nu;v;w\n2;1;1\n1;1;1\n3;1;1\n")
+    assert (found.head, found.units) == (["u", "v", "w"], ["", "", ""])
+    assert told[1] == "head in line 4 behind 3 other lines"
