@@ -6,41 +6,15 @@ import math
 from typing import Any
 
 import pytest
+from graphs_by_hand import built, summed
 
-from slipctl.block.text.formula import Graph, Node
+from slipctl.block.text.formula import Graph
 from slipctl.block.text.plain_text import Text, _elements_in_row, cut
-
-
-def built(*made: Any) -> tuple[Graph, list[int]]:
-    """A graph of nested tuples: names are symbols, numbers constants."""
-    g, places = Graph(), []
-
-    def put(part: Any) -> int:
-        if isinstance(part, str):
-            node = Node("symbol", name=part)
-        elif isinstance(part, float):
-            node = Node("const", value=part)
-        else:
-            node = Node(part[0], tuple(put(p) for p in part[1:]))
-        if node not in g.nodes:
-            g.nodes.append(node)
-        return g.nodes.index(node)
-
-    for one in made:
-        places.append(put(one))
-    return g, places
 
 
 def text_of(made: Any) -> str:
     g, (root,) = built(made)
     return Text(g).root(root)
-
-
-def summed(*parts: Any, op: str = "add") -> Any:
-    total = parts[0]
-    for p in parts[1:]:
-        total = (op, total, p)
-    return total
 
 
 LOG = ("mul", 1 / math.log(10), ("log", "x"))
@@ -92,6 +66,12 @@ TEXTS = [
     (("if_else_zero", BELOW, IF), "(x if z < 0 else y) if z < 0 else 0"),
     (("add", SMALL, ("if_else_zero", ("lt", "w", 1.0), "y")),
      "(x if z < 0 else 0) + (y if w < 1 else 0)"),
+    (("sub", "z", ("add", "x", "y")), "z - x - y"), (("pow", -2.0, "x"), "(-2)^x"),
+    (("pow", 2 * math.pi, "x"), "(2*pi)^x"), (("pow", 0.0, "x"), "0^x"), (("div", "x", "x"), "x/x"),
+    (("mul", ("sq", ("pow", "x", "y")), "z"), "(x^y)^2*z"),
+    (("mul", 1 / math.log(10), ("exp", "x")), "0.434294*exp(x)"),
+    (("add", SMALL, ("neg", ("not", BELOW))), "(x if z < 0 else 0) - (z >= 0)"),
+    (("add", ("neg", ("not", BELOW)), SMALL), "-(z >= 0) + (x if z < 0 else 0)"),
     ("one[m/s]", "1[m/s]"), (("mul", "one[N]", "x"), "1[N]*x"),
 ]  # fmt: skip
 
@@ -104,7 +84,8 @@ def test_an_operation_has_this_text(made, text):
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (3.0, "3"), (-4.0, "-4"), (0.0, "0"), (999999.0, "999999"), (1e6, "1e6"), (1.5e6, "1.5e6"),
+        (3.0, "3"), (-4.0, "-4"), (0.0, "0"), (-0.0, "0"), (999999.0, "999999"), (1e6, "1e6"),
+        (1.5e6, "1.5e6"),
         (1234567.0, "1.23457e6"), (1e-7, "1e-7"), (2.5e-12, "2.5e-12"), (0.1, "0.1"),
         (1 / 3, "0.333333"), (math.pi, "pi"), (2 * math.pi, "2*pi"), (math.inf, "inf"),
         (-math.inf, "-inf"), (1e300, "1e300"),
@@ -156,6 +137,11 @@ def test_a_letter_stands_for_its_part_and_is_spelled_out_alone():
     g, (case, total) = built(IF, ("add", IF, ("twice", IF)))
     g.letters[case] = "u"
     assert Text(g).root(total) == "u + 2*u"
+    assert Text(g).branches(case) is None
+    assert Text(g).branches(case, top=True) is not None
+    g, (log, whole) = built(("log", "x"), LOG)
+    g.letters[log] = "L"
+    assert Text(g).root(whole) == "0.434294*L"
 
 
 @pytest.mark.parametrize(
