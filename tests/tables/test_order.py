@@ -116,3 +116,16 @@ def test_columns_are_found_in_an_expression_with_their_units(tmp_path):
     assert found("2*wheels") == ("2*wheels", {}, {})
     with pytest.raises(BadInput, match="--map gives v in m/s and in km/h; write one unit"):
         expression_of("v [m/s] + v [km/h]", table)
+
+
+def test_columns_that_would_have_one_identifier_have_two(tmp_path):
+    """Each keeps its unit."""
+    path = tmp_path / "log.csv"
+    path.write_text("time [s];wheel speed;wheel.speed;v\n0;1;2;3\n1;5;6;7\n", encoding="utf-8")
+    made = expression_of("wheel.speed [rpm] - wheel speed [km/h]*v", read_table(path))
+    first, second = "wheel_speed__", "wheel_speed___"
+    assert made.text == f"{first} - {second}*v"
+    assert made.columns == {first: "wheel.speed", second: "wheel speed", "v": "v"}
+    assert made.told == {first: "rpm", second: "km/h", "v": ""}
+    assert not made.plain
+    assert expression_of(" wheel speed ", read_table(path)).plain
