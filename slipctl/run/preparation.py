@@ -184,7 +184,7 @@ class Prepared:
                         n = at + 1
                 if n < stop - k:
                     raise RunFailed(_broken(block, x, (k + n + 1) * h))
-                kept.add(k, stop, x_now[:n], y_now[:n])
+                kept.add(k, stop, x_now, y_now)
                 yield stop / (ended or ticks), kept.log
                 if ended is not None:
                     return

@@ -117,8 +117,6 @@ def unit_of_column(table: Table, column: str, told: str, wanted: str, notes: lis
     """
     head = table.units[column]
     where = f"{table.path}: {column}"
-    if told:
-        unit(told)
     if head and not is_unit(head):
         if not told or is_offset(head):
             raise BadInput(f"{where}: {why_no_unit(head)}")

@@ -191,7 +191,7 @@ def lone_values(x: np.ndarray) -> np.ndarray:
     usual = float(np.median(steps))
     across = np.abs(x[rows][2:] - x[rows][:-2])
     lone = (np.minimum(steps[:-1], steps[1:]) > 100 * usual) & (across < 10 * usual)
-    return rows[1:-1][lone] if usual > 0 else rows[:0]
+    return rows[1:-1][lone]
 
 
 def marks_of_missing(x: np.ndarray) -> np.ndarray:

@@ -185,7 +185,8 @@ def test_a_channel_without_times_is_told_and_those_behind_it_are_read(tmp_path: 
 
 @pytest.mark.parametrize(
     ("changes", "scale"),
-    [({}, 1.0), ({"unit": "ms"}, 1e-3), ({"unit": "t"}, 0.0), ({"sync_type": 2}, 0.0),
+    [({}, 1.0), ({"unit": "ms"}, 1e-3), ({"unit": ""}, 1.0), ({"unit": "ticks"}, 1.0),
+     ({"unit": "t"}, 0.0), ({"sync_type": 2}, 0.0),
      ({"sync_type": 3, "unit": "m"}, 0.0), ({"sync_type": 0, "channel_type": 0}, 0.0)],
 )  # fmt: skip
 def test_places_angles_and_counts_of_a_measurement_are_no_times(
@@ -204,3 +205,30 @@ def test_places_angles_and_counts_of_a_measurement_are_no_times(
     else:
         with pytest.raises(BadInput, match=r"x \(without times\)"):
             read_recording(file, wanted=["x"])
+
+
+def test_of_channels_that_share_a_name_the_first_is_read(tmp_path: Path) -> None:
+    """Those behind are read as ever; a file that is too large is told as such."""
+    t = np.arange(4.0)
+    groups = [{n: (t, k + t, "m")} for k, n in ((10, "x"), (20, "z"), (30, "x"), (40, "w"))]
+    log = read_recording(mdf4(tmp_path / "log.mf4", *groups))
+    assert log.columns == ["x", "z", "w"]
+    assert [log.channel(n)[0] for n in log.columns] == [10, 20, 40]
+    assert "2 channels are called x; the first is read" in log.notes
+
+
+def test_too_many_numbers_of_a_measurement_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    t = np.arange(100.0)
+    file = mdf4(tmp_path / "log.mf4", dict.fromkeys("wxz", (t, t, "m")))
+    monkeypatch.setattr(binary_logs, "LARGEST", 8 * 150)
+    with pytest.raises(BadInput, match="cut it into logs"):
+        read_recording(file)
+    assert read_recording(file, wanted=["x"]).columns == ["x"]
+
+
+def test_a_measurement_of_one_sample_is_no_log(tmp_path: Path) -> None:
+    file = mdf4(tmp_path / "log.mf4", {"x": ([2.0], [1.0], "m")})
+    with pytest.raises(BadInput, match="has 1 different times; a log needs two or more"):
+        read_recording(file)

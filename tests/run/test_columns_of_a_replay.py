@@ -218,3 +218,35 @@ def test_a_number_that_turns_a_unit_a_second_time_is_told(text, told, tmp_path):
     log = log_of(tmp_path, "time [s],a [km/h],b [m/s]", times(), U, U)
     log_signals.source_of(sums, log, sums.inputs["u"], text)
     assert told == any("turns a a second time" in line for line in log.notes)
+
+
+def test_a_column_of_its_name_that_cannot_be_it_is_told_beside_the_others(tmp_path):
+    """A weight is no speed; what is not there is told behind it."""
+    log = log_of(tmp_path, "time [s],u [kg],w [N]", times(), U, U)
+    with pytest.raises(Faults) as told:
+        run(log, {})
+    assert [line.partition(": ")[0] for line in told.value.lines[:2]] == [
+        "the column u", "the column w"]  # fmt: skip
+    assert told.value.lines[2].startswith("sums.h [1] is not fed; write --map h=COLUMN")
+
+
+def test_a_vector_and_a_second_run_are_not_replayed(tmp_path):
+    @step(period=H, y=Output("1"))
+    def pair(u=Input("1", shape=(2,))):
+        """Adds two."""
+        return {}, dict(y=u[0] + u[1])
+
+    log = log_of(tmp_path, "time [s],u", times(), U)
+    with pytest.raises(BadInput, match=r"u has shape \(2,\); a column gives one number"):
+        replay(pair, log, {}, compile=False)
+    again = log_of(tmp_path, "time [s],u [m/s],h", [*times(4), *times(4)], U, U)
+    with pytest.raises(BadInput, match="goes back in line 6, where a further run begins; a replay"):
+        run(again, {})
+
+
+def test_inputs_behind_one_that_is_set_or_told_are_fed(tmp_path):
+    """u by --map, w set, and then h by its name."""
+    log = log_of(tmp_path, "time [s],a [m/s],h", times(), U, [0.5 * v for v in U])
+    found = run(log, {"u": "a"}, settings={"w": "3"})
+    assert found.data["z"].values == pytest.approx(0.5 * np.array(U))
+    assert found.data["y"].values == pytest.approx(9.0 * np.array(U))

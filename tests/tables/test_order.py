@@ -33,7 +33,7 @@ ODD = [  # times, kept rows, begins of further runs, what is said
     ),
     ([0, 1, 3, 4, 5, 6, 2, 7, 8], [0, 1, 6, 2, 3, 4, 5, 7, 8], [], "written late"),
     # a time out of order: the row before, or the row itself, is left out
-    ([0, 1, 2, 33, 4, 5, 6, 7], [0, 1, 2, 4, 5, 6, 7], [], "1 row with a time out of order"),
+    ([0, 1, 2, 33, 4, 5, 6, 7], [0, 1, 2, 4, 5, 6, 7], [], "out of order, left out: line 5"),
     ([0, 1, 2, 3, -9, 5, 6, 7], [0, 1, 2, 3, 5, 6, 7], [], "out of order, left out: line 6"),
     # left out where one row is missing, to half a step; else a further run begins
     *(
@@ -56,6 +56,7 @@ ODD = [  # times, kept rows, begins of further runs, what is said
     ),
     # written late by a quarter of a step off its place, and by more
     ([0, 1, 4, 2.24, *range(5, 12)], [0, 1, 3, 2, *range(4, 11)], [], "written late"),
+    ([0, 1, 4, 1.8, *range(5, 12)], [0, 1, 3, 2, *range(4, 11)], [], "written late"),
     ([0, 1, 4, 2.26, *range(5, 12)], list(range(11)), [3], "the time goes back"),
     ([0, 1, 2, 2, 3, 4], [0, 1, 3, 4, 5], [], "1 row with the time of the row before"),
     ([0, 1, 2, 3, 0, 1, 2, 3], list(range(8)), [4], "line 6: the time goes back from 3 s to 0 s"),
@@ -86,6 +87,7 @@ REFUSED = [
     ([3, 2, 1], "the times fall from row to row"),
     ([5, 0, 1, 2, 3], "the time goes back in line 3, after a single row"),
     ([0, 1, 2, 3, 0], "the time goes back in line 6, the last row; remove it"),
+    ([0, 1, 2, 3, 0, 1, 2, 3, 0], "the time goes back in line 10, the last row; remove it"),
     ([*range(9)] * 60, "the time goes back again and again"),
     ([k // 2 for k in range(20)], "10 rows have the time of the row before, the first in line 3"),
 ]
@@ -95,6 +97,42 @@ REFUSED = [
 def test_times_in_no_order_are_refused(times, said):
     with pytest.raises(BadInput, match=said):
         ordered(times)
+
+
+@pytest.mark.parametrize(("many", "fine"), [(118, False), (122, True)])
+def test_one_row_of_twenty_may_be_late(many, fine):
+    """Six of them."""
+    times = list(range(many))
+    for k in range(10, 70, 10):
+        times[k], times[k + 1] = times[k + 1], times[k]
+    if fine:
+        found = ordered(times)
+        assert np.array(times)[found.rows].tolist() == list(range(many))
+        assert found.notes == ["6 rows written late, sorted by time: the first in line 13"]
+    else:
+        with pytest.raises(BadInput, match="again and again, the last time in line 63; sort the"):
+            ordered(times)
+
+
+@pytest.mark.parametrize(("equal", "fine"), [(20, True), (21, False)])
+def test_one_row_of_five_may_have_the_time_of_the_row_before(equal, fine):
+    times = sorted([*range(100 - equal), *range(10, 10 + equal)])
+    if fine:
+        assert len(ordered(times).rows) == 80
+    else:
+        with pytest.raises(BadInput, match="21 rows have the time of the row before, the first in"):
+            ordered(times)
+
+
+def test_a_row_that_stands_in_a_run_before_is_not_written_twice():
+    """It begins a further run: what is like it stands before the run that is read."""
+    times = [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 1, 2]
+    found = ordered(times, alike={(k, 12) for k in (1, 5)})
+    assert found.begins == [4, 8, 12]
+    assert list(found.rows) == list(range(14))
+    again = ordered([*times[:12], 1.0, 4, 5], alike={(9, 12)})
+    assert again.begins == [4, 8]
+    assert "1 row repeated, left out: line 14" in again.notes
 
 
 def test_columns_are_found_in_an_expression_with_their_units(tmp_path):
@@ -116,3 +154,16 @@ def test_columns_are_found_in_an_expression_with_their_units(tmp_path):
     assert found("2*wheels") == ("2*wheels", {}, {})
     with pytest.raises(BadInput, match="--map gives v in m/s and in km/h; write one unit"):
         expression_of("v [m/s] + v [km/h]", table)
+
+
+def test_columns_that_would_have_one_identifier_have_two(tmp_path):
+    """Each keeps its unit."""
+    path = tmp_path / "log.csv"
+    path.write_text("time [s];wheel speed;wheel.speed;v\n0;1;2;3\n1;5;6;7\n", encoding="utf-8")
+    made = expression_of("wheel.speed [rpm] - wheel speed [km/h]*v", read_table(path))
+    first, second = "wheel_speed__", "wheel_speed___"
+    assert made.text == f"{first} - {second}*v"
+    assert made.columns == {first: "wheel.speed", second: "wheel speed", "v": "v"}
+    assert made.told == {first: "rpm", second: "km/h", "v": ""}
+    assert not made.plain
+    assert expression_of(" wheel speed ", read_table(path)).plain

@@ -37,6 +37,7 @@ READ = {
                             ["mine"], ""),
     "no unit": (rows([0, 0.5, 1, 1.5], V, head="time;v"), "", ["time"],
                 "no unit in the head; read in s"),
+    "ms in a column s": (rows([0, 500, 1000, 1500], V, head="s [ms];v"), "", ["s"], ""),
     "days": (rows([f"{45000 + s / 86400:.9f}" for s in STEPS], V, head="time;v"), "", ["time"],
              "read in days, as spreadsheets"),
     "since 1970": (rows([1700000000 + s for s in STEPS], V, head="time;v"), "", ["time"],
@@ -86,6 +87,10 @@ REFUSED = {
                          "may both be the time, and they differ"),
     "long steps": (rows([0, 500, 1000], [1, 2, 3], head="time;v"), "",
                    "has no unit, and s would be 500"),
+    "hours with a zero": (rows(["235959", "000000", "000001"], [1, 2, 3], head="time [s];v"), "",
+                          "time: '000000' in line 3 may be hours, minutes and seconds; write hh"),
+    "a date in one word": (rows(["20240501120000", "20240501120001"], [1, 2], head="time;v"), "",
+                           "'20240501120000' in line 2 may be hours, minutes and seconds; write"),
     "a clock in ms": (rows(["10:00:00", "10:00:01"], [1, 2], head="time [ms];v"), "",
                       "is told in ms, but '10:00:00' in line 2 is no number"),
 }  # fmt: skip

@@ -202,8 +202,7 @@ class _Reader(Meanings):
             return made
         except BadInput as error:
             self.wrong((), str(error))
-            self.stop()
-            raise
+            raise Faults(self.faults) from None
 
     def points(self, taken: Sequence[str]) -> list[Signal]:
         """Points of the tables as parameters."""
@@ -270,8 +269,6 @@ class _Reader(Meanings):
                 self.wrong(e.keys, f"the state {name} needs its unit and start, {name} [unit] = 0")
             elif not listed:
                 found.append(Signal("output", "1", name=name))
-        if not any(s.role in ("output", "state") for s in found) and not self.faults:
-            self.wrong((), "it has no output")
         return found
 
     def ordered(self) -> list[_Equation]:
@@ -366,9 +363,6 @@ class _Reader(Meanings):
     ) -> dict[str, dict[str, float]]:
         """Numbers of the rail conditions in the units of the parameters."""
         found: dict[str, dict[str, float]] = {}
-        if not isinstance(conditions, Mapping):
-            self.wrong(("conditions",), "write wet = { c = 0.3 }")
-            return found
         for condition, values in conditions.items():
             keys = ("conditions", str(condition))
             if not isinstance(values, Mapping):

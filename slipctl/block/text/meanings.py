@@ -223,12 +223,12 @@ class Meanings:
                 unit(told)
             written = told
             if isinstance(value, str) and told is None:
-                _, written = split_quantity(value)
+                written = _unit_of(name, value)
             m.unit = None if written is None and value is None else si_text(written or "1")
             if value is None:
                 m.unit = told
             elif isinstance(value, str):
-                m.value = self.quantity(m, name, value, told)
+                m.value = self.quantity(m, value, told)
             elif isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise BadInput(f"value {value!r:.40} is no number with a unit")
             else:
@@ -247,7 +247,7 @@ class Meanings:
             self.lost.add(name)
             self.wrong(m.keys, bare(error))
 
-    def quantity(self, m: Meaning, name: str, value: str, told: str | None) -> Any:
+    def quantity(self, m: Meaning, value: str, told: str | None) -> Any:
         """A quantity in the unit of the name, or an expression of other names as it is."""
         if told is not None:
             try:
@@ -259,16 +259,7 @@ class Meanings:
                 except Faults as error:
                     raise BadInput(f"{value!r:.40}: {error.lines[0]}") from None
                 raise
-        try:
-            return parse_quantity(value, m.unit or "1")
-        except BadInput:
-            names = re.findall(r"[A-Za-z_]\w*", value)
-            if is_equation(f"{name} = {value}") and names and not re.match(r"\s*[-+.\d]", value):
-                raise BadInput(
-                    f"{value!r:.40} is no number with a unit; an expression needs a unit:"
-                    f" {name} [unit] = {value:.40}"
-                ) from None
-            raise
+        return parse_quantity(value, m.unit or "1")
 
     def end(self, end: Any, written: str, si: str) -> float:
         """Read a number, in the unit ``written`` if it has none of its own."""
@@ -306,6 +297,19 @@ class Meanings:
             self.wrong(keys, "the places of its points must increase")
             return
         self.tables[name] = Table(a, b, found)
+
+
+def _unit_of(name: str, value: str) -> str | None:
+    """Unit that a quantity brings."""
+    try:
+        return split_quantity(value)[1]
+    except BadInput:
+        if not re.search("[A-Za-z]", value):
+            raise
+        raise BadInput(
+            f"{value!r:.40} is no number with a unit; an expression needs a unit:"
+            f" {name} [unit] = {value:.40}"
+        ) from None
 
 
 def _in(text: str, unit: str | None) -> str:

@@ -418,7 +418,7 @@ def _exponent(e: Fraction) -> str:
 
 
 def _written(names: Dims) -> str:
-    """``(("N", 1), ("s", -2))`` as ``"N/s^2"``; names keep their order of first appearance."""
+    """``(("N", 1), ("s", -2))`` as ``"N/s^2"``; names keep their order."""
     up = [n + ("" if e == 1 else f"^{_exponent(e)}") for n, e in names if e > 0]
     down = [n + ("" if e == -1 else f"^{_exponent(-e)}") for n, e in names if e < 0]
     if not up and not down:

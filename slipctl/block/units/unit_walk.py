@@ -185,8 +185,8 @@ class _Walk:
         op, args, *_ = self.graph.nodes[n]
         values, text = list(args), _EQUAL[op]
         if op == "add" and (branches := write.branches(n, top=True)):
-            (_, first), *more = branches[0]
-            values = [first, more[0][1] if more else branches[1] or args[1]]
+            every = [*(v for _, v in branches[0]), branches[1]]
+            values = [v for v in every if v is not None][:2]
             text = "{a} and {b} are no two branches of one if"
         a, b = (self.quote(write, v) for v in values)
         return text.format(a=a, b=b) + (self.hint(values[0]) or self.hint(values[1]))

@@ -152,7 +152,7 @@ def replay(
 
     Raises:
         Faults: what is wrong with mapping and settings, all at once.
-        BadInput: no tick fits, an unknown rule.
+        BadInput: a period that is none, an unknown rule.
     """
     check_known("there is no rule", rule, RULES)
     if log.begins:
@@ -176,8 +176,6 @@ def replay(
         bridged = log_signals.BRIDGED[rule]
         notes.append(f"{len(gaps)} gaps, {bridged}: {told}" + ", ..." * (len(gaps) > 5))
     first, ticks, columns = _columns(block, log, sources, h, rule, notes)
-    if ticks < 1:
-        raise BadInput(f"{log.source}: the mapped columns have no stretch of a tick in common")
     inputs: dict[str, Any] = {**constants, **columns}
     data = simulate(block, Scenario("replay", ticks * h, inputs=inputs), compile=compile)
     data = data.assign_attrs(log=log.source, log_start_s=first)
@@ -216,7 +214,7 @@ def _columns(
     }
     first = max((float(t[0]) for t, _ in channels.values()), default=0.0)
     ticks = int(np.floor((float(log.time[-1]) - first) / h + 1e-6)) + 1
-    at = first + h * np.arange(max(ticks, 0))
+    at = first + h * np.arange(ticks)
     if log.spacing < 0.5 * h:
         notes.append(f"samples every {log.spacing:.4g} s are resampled to ticks of {h:g} s, without"
                      " an anti-aliasing filter")  # fmt: skip

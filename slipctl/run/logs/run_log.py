@@ -177,7 +177,7 @@ class Rows:
         )
 
     def add(self, k: int, stop: int, x: np.ndarray, y: np.ndarray) -> None:
-        """Keep the rows from tick ``k`` to before ``stop``."""
+        """Keep the rows from tick ``k`` to before ``stop``; x and y begin with those of ``k``."""
         a, b = np.searchsorted(self._rows, (k, stop))
         if k == 0:
             self._first |= {"output": y[:1].copy(), "state": x[:1].copy()}

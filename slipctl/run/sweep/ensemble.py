@@ -184,7 +184,7 @@ class World:
         self.notes: tuple[str, ...] = ()
         if ensemble.seeds and not (scenario.noise and any(s.noise for s in loop.inputs.values())):
             why = f"{loop.name} has no noise in scenario {scenario.name}"
-            if not (self.axes or self.factors):
+            if not (self.axes or self.factors or ensemble.also):
                 raise BadInput(f"the ensemble draws seeds alone, and {why}; draw a number too")
             self.notes = (f"{why}: seeds have no effect there",)
         # numbers that leave a share are set apart once, so that a draw changes values alone
