@@ -79,6 +79,30 @@ def test_the_pictures_begin_with_the_front_or_else_with_the_course(monkeypatch) 
     assert picture == ("course", ("far", "m"))
 
 
+def test_pictures_of_each_objective_follow_along_its_numbers_and_on_held_out_draws(
+    monkeypatch,
+) -> None:
+    monkeypatch.setattr(page, "front_picture", lambda found: "front")
+    monkeypatch.setattr(page, "_sliced", lambda along, what, gains: (along, what, gains))
+    monkeypatch.setattr(page, "_judged_picture", lambda found, terms, what, its: (terms, what, its))
+    slices = [SimpleNamespace(objective=t, k=k) for k, t in enumerate(["heat", "far", "heat"])]
+    for moved in (True, False):
+        found = made(slices=slices, gains="gains", judged=SimpleNamespace(each=["A", "B", "C"]))
+        for k, goal in enumerate(found.search.objectives):
+            goal.terms = k
+        found.search.by_hand = found.search.by_hand if moved else found.search.best
+        captions, shown = zip(*page.pictures(found).items(), strict=True)
+        assert shown == (
+            "front", ([slices[1]], ("far", "m"), "gains"),
+            ([slices[0], slices[2]], ("heat", "kJ"), "gains"), (0, ("far", "m"), "A"),
+            (1, ("level", "N m"), "B"), (2, ("heat", "kJ"), "C"),
+        )  # fmt: skip
+        assert [c.split()[:2] for c in captions[1:3]] == [["Mean", "far"], ["Mean", "heat"]]
+        assert "the range within 1 % is shaded" in captions[1]
+        assert [c.split()[0] for c in captions[3:]] == ["far", "level", "heat"]
+        assert all(("; below, tuned minus" in c) == moved for c in captions[3:])
+
+
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tables and lines of which a word is enough."""
@@ -139,7 +163,8 @@ def test_sections_of_the_page_stand_in_their_order(bare: bool, monkeypatch) -> N
     heads = ["Front", "Gains", "Held-out draws", "Certificates", "Statement", "Pictures", "Search"]
     assert list(sections) == [h for h in heads if not bare or h not in (
         "Front", "Certificates", "Statement")]  # fmt: skip
-    assert "gains_rows" in sections["Gains"]
+    row = page.table(["gains_rows", "12"], [["a", "b"]], [1])
+    assert sections["Gains"].startswith(f"{row}<p>Within 1 %: range of the number")
     assert "Slope: change of the objective" in sections["Gains"]
     assert "judged_rows" in sections["Held-out draws"]
     assert sections["Pictures"] == (
