@@ -79,6 +79,86 @@ def test_behind_its_answer_no_interrupt_is_heard(monkeypatch) -> None:
     assert done == ["main", (signal.SIGINT, signal.SIG_IGN)]
 
 
+@pytest.fixture
+def asked(monkeypatch) -> list[Any]:
+    """What a command is asked, where it only notes that; what is checked before it, in its order."""
+    done: list[Any] = []
+
+    def noted(options: Any, command: str) -> int:
+        done.append((options.command, command))
+        return 3
+
+    def module(name: str) -> Any:
+        done.append(name)
+        return SimpleNamespace(answer=noted)
+
+    monkeypatch.setattr(cli, "check_one_tree", lambda: done.append("tree"))
+    monkeypatch.setattr(cli, "check_environment", lambda: done.append("environment"))
+    monkeypatch.setattr(cli, "tell_threads", lambda: ["too many", "cores"])
+    monkeypatch.setattr(cli, "import_module", module)
+    monkeypatch.setattr(cli, "_talk", lambda options: done.append(options.quiet))
+    return done
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_a_command_is_answered_by_its_module_after_what_is_checked(
+    given: bool, asked: list[Any], monkeypatch, capsys
+) -> None:
+    """With the words of the process, where none are given; its code is that of the process."""
+    paces: list[Any] = []
+    monkeypatch.setattr(cli.gc, "set_threshold", lambda *pace: paces.append(pace))
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    monkeypatch.delenv("MPLBACKEND", raising=False)
+    words = ["-q", "certify", "a b"]
+    monkeypatch.setattr(sys, "argv", ["/bin/slipctl", *words])
+    assert cli.main(words if given else None) == 3
+    assert asked == ["tree", "environment", True, "slipctl.commands.certificates.certify",
+                     ("certify", "slipctl -q certify 'a b'")]  # fmt: skip
+    assert capsys.readouterr().err == "slipctl: too many\nslipctl: cores\n"
+    assert paces == [cli.RARELY]
+    assert os.environ.pop("OPENBLAS_NUM_THREADS") == "1"
+    assert "MPLBACKEND" not in os.environ
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["list", "a\0b"], "a null character stands in"), ([], "say what to do: list, show"),
+])  # fmt: skip
+def test_words_that_ask_for_nothing_are_refused_before_anything_is_checked(
+    words, said, asked: list[Any], capsys
+) -> None:
+    assert cli.main(words) == 2
+    assert said in capsys.readouterr().err
+    assert asked == []
+
+
+@pytest.mark.parametrize(("why", "code", "said"), [
+    (KeyboardInterrupt(KEPT), 130, f"stopped; {KEPT}"), (KeyboardInterrupt(), 130, "stopped"),
+    (BadInput("no such loop"), 2, "no such loop"), (RunFailed("NaN"), 1, "run failed: NaN"),
+])  # fmt: skip
+def test_what_ends_a_command_is_one_line_and_a_code(why, code, said, monkeypatch, capsys) -> None:
+    def ends(options: Any, command: str) -> int:
+        raise why
+
+    monkeypatch.setattr(cli, "import_module", lambda name: SimpleNamespace(answer=ends))
+    monkeypatch.setattr(cli, "tell_threads", list)
+    assert cli.main(["list"]) == code
+    assert capsys.readouterr().err == f"slipctl: {said}\n"
+
+
+@pytest.mark.parametrize("word", ["-v", "--verbose"])
+def test_where_a_fault_came_from_is_shown_where_it_is_asked_for(word, monkeypatch, capsys) -> None:
+    def breaks(options: Any, command: str) -> int:
+        raise ZeroDivisionError("by nothing")
+
+    monkeypatch.setattr(cli, "import_module", lambda name: SimpleNamespace(answer=breaks))
+    for words, shown in (([word, "list"], True), (["list"], False)):
+        assert cli.main(words) == 1
+        said = capsys.readouterr().err
+        assert ("Traceback" in said) == shown
+        assert said.endswith("slipctl: a fault of slipctl, ZeroDivisionError: by nothing; -v shows"
+                             " where\n")  # fmt: skip
+
+
 @pytest.mark.parametrize(("quiet", "refused"), [(False, False), (True, False), (False, True)])
 def test_a_page_is_opened_once_it_is_known_to_be_there(quiet, refused, monkeypatch, capsys) -> None:
     """In a browser, unless that is not wanted; what is refused is closed again."""
@@ -311,3 +391,43 @@ def test_a_study_is_certified_controller_by_controller(monkeypatch) -> None:
     assert told[5] == "* the verdict of this condition depends on the unit of length"
     second.condition = None
     assert "depends on the unit" not in certify.certify_study("toy", False, "")
+
+
+def test_a_loop_of_a_study_is_certified_into_a_file_or_told_as_data(monkeypatch) -> None:
+    """With what was set; the file holds the exact numbers of its one certificate."""
+    only = answered("sta", costs={"mass": 0.5}, system="SYSTEM", numbers={"k": 2.0})
+    only.report.payload = lambda: {"verdict": "CERTIFIED"}
+    study = SimpleNamespace(name="toy", title="A toy", certificates=None)
+    done: list[Any] = []
+    monkeypatch.setattr(certify.certify_loop, "is_loop", lambda name: True)
+    monkeypatch.setattr(certify.certify_loop, "find", lambda name: (study, ["all", "of it"]))
+    monkeypatch.setattr(certify.certify_loop, "one", lambda *given: (("one", *given), "other"))
+    monkeypatch.setattr(certify, "check_place", lambda out: done.append(("place", out)))
+    monkeypatch.setattr(certify, "answers", lambda *given: done.append(given) or [only])
+    monkeypatch.setattr(certify.systems, "exact_numbers", lambda *given: ("exact", *given))
+    monkeypatch.setattr(certify, "write", lambda *given: done.append(given))
+    monkeypatch.setattr(certify, "promise_lines", lambda report: ["promised"])
+    monkeypatch.setattr(certify, "loop_verdict", lambda found: f"verdict of {len(found)}")
+    said = certify.certify_study("toy:a", False, "CMD", "c.json", ("k=2",))
+    assert done == [
+        ("place", "c.json"), (study, [("one", "toy:a", ("k=2",))], ("k=2",)),
+        ("SYSTEM", ("exact", "SYSTEM", {"k": 2.0}), "c.json"),
+    ]  # fmt: skip
+    rows = said.split("\n")
+    assert rows[1].startswith("with ")
+    assert "k=2" in rows[1]
+    assert rows[-2:] == ["", "c.json: certificate; slipctl check c.json"]
+    done.clear()
+    told = json.loads(certify.certify_study("toy:a", True, "CMD", None, ("k=2", "q=1")))
+    assert done == [(study, ["all", "of it"], ("k=2", "q=1"))]
+    assert (told["study"], told["loop"], told["verdict"]) == ("toy", "a", "verdict of 1")
+    assert (told["set"], told["command"]) == (["k=2", "q=1"], "CMD")
+    assert told["gains"] == {"sta": {
+        "loop": "sta_loop", "condition": "cone", "condition_holds": None, "needs": "needs sta",
+        "bounds": "", "left_of_the_bound_with_half_a_range": {"mass": 0.5},
+        "verdict": "CERTIFIED",
+    }}  # fmt: skip
+    only.gains.condition = ""
+    plain = json.loads(certify.certify_study("toy:a", True, "CMD"))
+    assert plain["gains"]["sta"]["condition"] is None
+    assert "set" not in plain
