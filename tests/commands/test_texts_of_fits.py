@@ -11,7 +11,7 @@ import pytest
 
 from slipctl import Input, Output, Param, State, flow
 from slipctl.commands import fit_log
-from slipctl.commands.library import new
+from slipctl.commands.library import copy, new
 from slipctl.draw import plots
 from slipctl.errors import BadInput
 from slipctl.estimate.log_fit.record import DEAD, FittedOverTime, Piece
@@ -173,6 +173,29 @@ def test_a_file_of_a_loop_has_its_name(source, kind, out, tmp_path, monkeypatch,
     options.file = "more.toml"
     with pytest.raises(BadInput, match="takes the loop"):
         new.answer(options, "")
+
+
+@pytest.mark.parametrize("command", [new, copy])
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is(
+    command: Any, tmp_path, monkeypatch
+) -> None:
+    def refuse(file: Path) -> None:
+        raise BadInput(f"cannot write {file}")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(command.store, "check_file", refuse)
+    options: Any = SimpleNamespace(source=None, kind="metro", model="davis", json=False)
+    options.file = "a.py" if command is copy else "a.toml"
+    with pytest.raises(BadInput, match="cannot write a"):
+        command.answer(options, "")
+    assert not list(tmp_path.iterdir())
+    options.kind = "metre"
+    if command is new:
+        with pytest.raises(BadInput, match=r"there is no vehicle 'metre'; did you mean 'metro'"):
+            command.answer(options, "")
+        options.kind = None
+        with pytest.raises(BadInput, match="write which vehicle"):
+            command.answer(options, "")
 
 
 @pytest.mark.parametrize(("command", "loop", "scenario", "wanted"), [

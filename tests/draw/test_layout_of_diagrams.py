@@ -165,7 +165,7 @@ def test_tracks_of_a_channel_stand_behind_its_words() -> None:
     assert (hops[2].x, hops[3].x) == (147.5, 125.5)
     assert Drawing._tracks(d, [], 100.0, 50.0) == 30.0
     assert Drawing._tracks(d, [hop("S", 1, 1)], 100.0, 5.0) == 30.0
-    assert Drawing._tracks(d, [hop("S", 1, 1.6)], 100.0, 50.0) == 62.0
+    assert Drawing._tracks(d, [hop("S", 1, 1.59)], 100.0, 50.0) == 62.0
     assert Drawing._tracks(d, [hop("S", 1, 1.62)], 100.0, 50.0) == 73.0
 
 
