@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from slipctl.design.goals import single
-from slipctl.design.slopes.gradients import SMOOTH, Slopes, refuse_scenario
+from slipctl.design.slopes.gradients import SMOOTH, Slopes
 from slipctl.errors import BadInput, RunFailed
 from slipctl.run.metrics import METRICS, Metric
 from slipctl.run.sweep.ensemble import Draw, Ensemble, World
@@ -39,7 +39,6 @@ def exact_slopes(
     Raises:
         BadInput: the loop is not smooth in them; says why.
     """
-    refuse_scenario(rig.case.scenario)
     first = next(s for s in rig.sliders if s.name == names[0])
     beside = f"{first.left!r}:{first.right!r}"  # a world wants one; what it draws is not asked for
     world = World(

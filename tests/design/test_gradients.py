@@ -27,6 +27,7 @@ from slipctl import (
     connect,
     flow,
     law,
+    make_block,
     sampled,
     simulate,
     step,
@@ -155,6 +156,23 @@ def test_what_no_number_reaches_may_jump() -> None:
              "car.F": "after.F"}  # fmt: skip
     both = connect("loop", wires, car=sampled(car, T, "rk4"), ctl=pi, clock=clock, after=add)
     assert Slopes(world(both), list(NOW))
+
+
+def test_equations_that_cannot_be_written_out_have_no_slope() -> None:
+    """Of a linear solver there are no scalar operations."""
+
+    def solved(x, u, p):
+        matrix = ca.vertcat(ca.horzcat(4.0, 1.0), ca.horzcat(1.0, 2.0))
+        return {}, {"F": ca.solve(ca.MX(matrix), ca.vertcat(u["F_w"], 0.0), "qr")[0]}
+
+    after = make_block(
+        "after", "law", solved, inputs=[Input("N").named("F_w")],
+        outputs=[Output("N").named("F")], sx=False,
+    )  # fmt: skip
+    wires = {"ctl.v": "car.v", "ctl.v_w": "v_w", "after.F_w": "ctl.F", "car.F": "after.F"}
+    both = connect("loop", wires, car=sampled(car, T, "rk4"), ctl=pi, after=after)
+    with pytest.raises(BadInput, match="cannot be written as scalar operations"):
+        Slopes(world(both), list(NOW))
 
 
 @pytest.mark.parametrize(("names", "scenario", "said"), [

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from slipctl.draw import figure_files, plots
+from slipctl.draw import figure_files, layout, plots
 
 
 @pytest.mark.parametrize(
@@ -141,3 +141,15 @@ def test_a_figure_whose_panels_are_placed_by_hand_stays_as_it_is():
     by_hand.plot([0, 1], [0, 1])
     figure_files.pictures(fig)
     assert by_hand.get_position().bounds == pytest.approx((0.2, 0.3, 0.4, 0.5))
+
+
+def test_panels_along_a_length_share_what_their_labels_leave():
+    """By their ratios; of a grid whose last columns are empty, by those that are there."""
+    before, after = np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.5, 0.6])
+    begins, long = layout._along(before, after, [1, 2, 1], 6.1)
+    assert long == pytest.approx([1.0, 2.0, 1.0])
+    assert begins == pytest.approx([0.1, 1.7, 4.5])
+    begins, long = layout._along(before[:1], after[:1], [1, 2, 1], 4.5)
+    assert (begins, long) == (pytest.approx([0.1]), pytest.approx([4.0]))
+    begins, long = layout._along(before, after, [1, 1, 2], 1.0)  # no room: a tenth of an inch each
+    assert long == pytest.approx([0.075, 0.075, 0.15])

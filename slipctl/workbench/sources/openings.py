@@ -66,8 +66,6 @@ def opening_of_name(name: str = "", files: Sequence[str] = (), compile: bool = T
         asked = Request.read(name)
     if not asked.home:
         asked.needs_loop()
-    if asked.home.endswith(".toml") and not Path(asked.home).is_file():
-        raise BadInput(f"there is no file {asked.home}; slipctl new metro {asked.home} writes one")
     folder = Path(asked.home).parent if asked.home.endswith((".toml", ".py")) else Path()
     return Opening(name, str(folder.resolve()), tuple(allowed), compile)
 
