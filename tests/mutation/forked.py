@@ -75,6 +75,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--alone", action="store_true", help="ask what lives so in a process of its own"
     )
     group.addoption("--again", action="store_true", help="ask what lived in --put")
+    group.addoption("--share", nargs=2, type=int, default=[0, 1], metavar=("K", "N"),
+                    help="every Nth change, from the Kth on")  # fmt: skip
 
 
 def passed(items: Sequence[pytest.Item]) -> Iterator[tuple[str, bool]]:
@@ -300,7 +302,8 @@ def pytest_runtestloop(session: pytest.Session) -> bool:
     kept = json.loads(given.put.read_text("utf-8")) if given.put.exists() else {"found": {}}
     kinds, argued = list(NEW) if given.kinds == ["new"] else given.kinds, arguments()
     score = Counter[str]()
-    for _, site in drawn(given.changes, given.seed, given.rooms, kinds):
+    first, step = given.share
+    for _, site in drawn(given.changes, given.seed, given.rooms, kinds)[first::step]:
         before = kept["found"].get(site.name)
         if site.name in argued or (before and (before["caught"] or not given.again)):
             score["argued" if site.name in argued else "known"] += 1
