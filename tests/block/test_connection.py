@@ -303,6 +303,7 @@ def pattern_of_function(block):
 
 
 @given(graphs(), st.data())
+@pytest.mark.second
 def test_nesting_changes_nothing(graph, data):
     """Parts put into composites at random, with wires crossing their borders: the same numbers."""
     parts, wires = graph

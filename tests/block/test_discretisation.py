@@ -341,6 +341,7 @@ def test_skipped_work_is_not_computed(n, offset):
     assert float(run["work.s"][-1]) == len(range(offset, 99, n))
 
 
+@pytest.mark.second
 def test_skipped_work_takes_no_time_when_compiled(needs_compiler):
     """A heavy part every 40 ticks: at least 8 times as fast as at each tick (40 would be ideal)."""
     x = ca.MX.sym("x")

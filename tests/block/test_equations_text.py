@@ -254,6 +254,7 @@ def test_hostile_files(tmp_path_factory: pytest.TempPathFactory, text: str, at: 
         assert equation_files.load(f"{file}:law").outputs
 
 
+@pytest.mark.second
 def test_largest_texts_are_quick() -> None:
     """The longest texts that are read take less than two seconds."""
     sums = "; ".join(f"y{k} = y{k - 1}*y{k - 1} + x" for k in range(1, 200))

@@ -65,6 +65,7 @@ BASE = {"meter": "m", "kilogram": "kg", "second": "s", "ampere": "A", "kelvin": 
         "candela": "cd"}  # fmt: skip
 
 
+@pytest.mark.second
 def test_every_name_and_prefix_agrees_with_pint():
     pint = pytest.importorskip("pint", reason="pint, which the table is compared with, is missing")
     registry = pint.UnitRegistry()

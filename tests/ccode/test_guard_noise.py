@@ -59,6 +59,7 @@ VALUES = st.lists(
 
 @given(VALUES, st.floats(0, 2), st.floats(0.01, 1))
 @settings(max_examples=200, deadline=None)
+@pytest.mark.second
 def test_the_rule_is_noise_and_the_way_since_the_last_good_value(column, noise, change):
     *ends, stale = (np.array([v]) for v in (-10.0, 10.0, change, noise, float(STALE)))
     rows = np.array(column)[:, np.newaxis]

@@ -104,6 +104,7 @@ def tubes():
     return find_tube(LOOP, CELL, BOUNDS, TICKS)
 
 
+@pytest.mark.second
 def test_the_box_of_a_bent_loop_holds_its_runs_and_is_hardly_larger(cell, tubes):
     # a sum adds what the start and the pushes do, which a run has one after the other
     for (entry, said), check, ticks, most in ((cell, check_cell, 60, 2.0),

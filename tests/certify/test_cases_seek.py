@@ -61,6 +61,7 @@ def test_what_is_asked_of_a_seeker_blocks(asked, wanted):
     assert verdict("sliding_seek", **FINE, **asked) == wanted
 
 
+@pytest.mark.second
 def test_a_plane_is_lost_just_beyond_its_travel_and_kept_just_inside():
     """Of the bound (n + 1)(k mu' + rho) T + 2 N <= beta, by runs from many starts."""
     rng = np.random.default_rng(1)
@@ -84,6 +85,7 @@ def test_a_plane_is_lost_just_beyond_its_travel_and_kept_just_inside():
                 assert lost.any() or late == 0
 
 
+@pytest.mark.second
 def test_ripple_on_a_parabola_stays_inside_its_bound():
     """Runs with random noise and delays end within the bound, and fill half of it at least."""
     rng = np.random.default_rng(2)

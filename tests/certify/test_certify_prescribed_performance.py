@@ -82,6 +82,7 @@ def test_constants_solve_their_equations():
     assert round(pp.INVARIANT, 10) == 3.5911214767
 
 
+@pytest.mark.second
 def test_largest_disturbance():
     """0.99 of it is held for ever, 1.01 escapes, either way; the settled share is as predicted."""
     share = np.array([0.9, 0.99, 1.01, 1.1])
@@ -111,6 +112,7 @@ def test_largest_disturbance_with_any_widths():
     np.testing.assert_allclose(np.abs(z), pp.settled_share(0.99 * pp.H_MAX), atol=1e-5)
 
 
+@pytest.mark.second
 def test_decay_of_the_funnel_does_not_matter():
     """With eta falling from 0.1 the same W holds; the escape comes later by the transient."""
     e, left = run(LIMIT * np.array([0.99, 1.01, 1.1]), eta_0=ETA_0, decay=DECAY, step=0.01)

@@ -327,6 +327,7 @@ def test_enclosure_of_ln_q():
     assert str(low).startswith("0.014006623327873483066")
 
 
+@pytest.mark.second
 def test_enclosure_contains_the_closed_form():
     seeded = random.Random(5)
     for _ in range(200):
@@ -485,6 +486,7 @@ def test_sliding_error_of_the_proper_implicit_form_in_c(T, tmp_path, needs_compi
     assert rows[0] >= 0.999 * L * T**2  # and no better: the bound is sharp
 
 
+@pytest.mark.second
 def test_quadratic_is_what_the_lmi_says():
     cp = pytest.importorskip("cvxpy")
     if "CLARABEL" not in cp.installed_solvers():

@@ -552,6 +552,7 @@ def test_numbers_that_mean_nothing(name):
             certify(name, **fewer)
 
 
+@pytest.mark.second
 def test_numbers_on_a_boundary():
     """Rationals decide equality; what no enclosure can tell is refused."""
     assert certify("lagged_loop", K=2, T=1).verdict == REFUTED

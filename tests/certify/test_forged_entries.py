@@ -117,6 +117,7 @@ def test_a_tube_that_is_altered_is_refused(name, change, said, asked, tube) -> N
         check_tube(loop, bounds, copy.deepcopy(tube) | {name: change(tube[name])})
 
 
+@pytest.mark.second
 def test_each_half_width_of_a_proof_is_needed(asked, cell, tube) -> None:
     """One state alone whose box is a third: what the ticks add does not stay in it."""
     loop, _, bounds = asked

@@ -65,6 +65,7 @@ def started(*argv: str, **how: object) -> subprocess.Popen[str]:
 # ---- plain and full -----------------------------------------------------------------------------
 
 
+@pytest.mark.second
 def test_a_plain_run_has_every_claim_and_says_what_needs_full(capsys) -> None:
     claims = run()
     said = capsys.readouterr().out
@@ -165,6 +166,7 @@ def test_an_order_is_left_out_where_its_law_or_the_start_was_changed(setting: st
     assert "was changed" in str(run("--set", setting)["ripple"]["why"])
 
 
+@pytest.mark.second
 def test_what_was_not_changed_is_judged() -> None:
     assert run("--set", "hard:ctl.K=5e3")["way"]["verdict"] == "not reproduced"
 
@@ -192,6 +194,7 @@ def test_what_belongs_to_another_run_is_removed() -> None:
         assert "12t" not in path.read_text() or "parts" in path.parts
 
 
+@pytest.mark.second
 def test_files_of_others_in_the_folder_stay() -> None:
     Path("o/figures").mkdir(parents=True)
     Path("o/figures/mine.png").write_text("mine")

@@ -55,6 +55,7 @@ def row(text, metric):
     return next(line for line in text.splitlines() if line.startswith(metric)).split()
 
 
+@pytest.mark.second
 def test_the_table_of_one_loop_has_the_spread_of_its_runs(tmp_path, capsys):
     """Least, median and largest distance are those of what the store holds."""
     from slipctl import open_sweep

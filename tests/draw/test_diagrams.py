@@ -196,6 +196,7 @@ def rises(drawings):
     return [k[0].port_y(k[1], True) - k[2].port_y(k[3], False) for d in drawings for k in d.links]
 
 
+@pytest.mark.second
 def test_nodes_are_moved_to_where_their_wires_run_straight():
     """Beside columns that are only stacked: four times as many are straight, and none is longer."""
     moved, stacked = (rises(map(kind, LEVELS[::3])) for kind in (Drawing, Stacked))

@@ -123,6 +123,7 @@ def test_letters_stand_at_the_same_place_in_both() -> None:
     assert top - 2 < first < last < bottom + 2
 
 
+@pytest.mark.second
 def test_pixels_within_a_figure_are_drawn_too() -> None:
     fig, axes = plots.panels()
     with plots.style():

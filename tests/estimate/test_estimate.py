@@ -312,6 +312,7 @@ def test_estimate_does_not_wander_at_constant_slip():
 @example(seed=1804258, scale=0.5, n=36)  # rounding has lost what is known besides
 @example(seed=1766748283, scale=0.9479685331635392, n=33)
 @settings(max_examples=20, deadline=None)
+@pytest.mark.second
 def test_window_covariance_within_the_spread_for_any_data(seed, scale, n):
     """0 < P <= diag(spread^2) whatever is measured, sense or nonsense."""
     rng = np.random.default_rng(seed)
@@ -548,6 +549,7 @@ def test_moving_optimum_noise_free(online, distance_known):
     assert (probed <= 0.32).all()
 
 
+@pytest.mark.second
 def test_moving_optimum_with_little_noise(online, distance_known):
     """Adhesion noise 2e-4: found within 5 % in 0.5 s for every seed, at most 0.3 m."""
     for seed in range(12):

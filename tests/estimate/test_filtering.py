@@ -243,6 +243,7 @@ def test_gamma_does_not_wind_up(kind, form):
 
 @given(seed=st.integers(0, 10**6), scale=st.floats(-6, 6))
 @settings(max_examples=15)
+@pytest.mark.second
 def test_covariance_stays_positive(seed, scale):
     """Measurements that make no sense: finite, and every variance above its floor."""
     rng = np.random.default_rng(seed)
@@ -325,6 +326,7 @@ def test_matched_filter_is_consistent(kind):
     assert low < (error**2 / y["variance_F_a"][skip + 1 :]).mean() < high
 
 
+@pytest.mark.second
 def test_matched_filter_is_consistent_for_most_seeds():
     """95 % of 60 seeds, that is at least 52 (less happens once in 500)."""
     N, q = 2000, 8.5e8

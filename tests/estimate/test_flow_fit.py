@@ -62,6 +62,7 @@ def test_a_deceleration_that_no_coasting_has_is_told():
     assert "look at the units of time and v" in wrong.doubts[0]
 
 
+@pytest.mark.second
 def test_deviations_are_those_that_noise_brings():
     """Errors of 8 logs, each by its own deviation, have a mean square near 1 (chi^2 of 16)."""
     t = np.arange(0, 250, 2.0)
@@ -86,6 +87,7 @@ def test_resistance_by_mass_is_that_of_the_vehicle_by_its_mass():
         assert share.std[n] * M == pytest.approx(whole.std[n], rel=1e-4)
 
 
+@pytest.mark.second
 def test_a_car_that_runs_backwards_has_the_same_resistance():
     """A log whose speed is negative: c1 was fitted as zero, its range's end."""
     t = np.arange(0, 250, 1.0)
@@ -179,6 +181,7 @@ def test_an_input_goes_straight_between_samples_if_asked():
     assert abs(fit_over_time(own, log, "x").values["g"] - 3) > 0.05
 
 
+@pytest.mark.second
 def test_stretches_and_logs_have_starts_of_their_own():
     t = np.arange(0, 100, 0.5)
     first = Record("there", t, {"slope": 0 * t + 0.002}, coasted(t))
@@ -214,6 +217,7 @@ def test_a_gradient_that_is_told_is_no_resistance():
     assert untold.std["c0"] > 5 * told.std["c0"]
 
 
+@pytest.mark.second
 def test_alike_residuals_count_as_fewer():
     """An autoregressive noise of .9: (1 + .9)/(1 - .9) = 19 samples count as one."""
     e = noise(3000)

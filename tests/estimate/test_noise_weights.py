@@ -91,6 +91,7 @@ def place(y):
     return np.log(y["b"] / y["a"])[:, -1] / (y["b"] - y["a"])[:, -1]
 
 
+@pytest.mark.second
 def test_who_knows_the_echo_finds_the_peak_better():
     """16 runs of a sweep; the bound is that of generalised least squares with the true noise."""
     true, sigma, rng = TABLE_1["dry"], 0.01, np.random.default_rng(2)

@@ -95,6 +95,7 @@ def test_a_wheel_that_passes_the_vehicle_moves_no_speed_while_the_others_slide(d
 
 @settings(max_examples=40, deadline=None)
 @given(anything, st.floats(0, 5e3))
+@pytest.mark.second
 def test_any_vehicle_speed_leaves_a_speed_near_the_truth(value, command):
     """Whatever the sensor reads from some tick on, all axles go by a speed that is near."""
     car = Car([command] * 2500)
@@ -369,6 +370,7 @@ def test_an_axle_that_is_tested_is_let_go_and_the_driver_s_demand_stays_its_limi
 
 @given(st.floats(0, 8e3), st.floats(5, 40))
 @settings(deadline=None, max_examples=20)
+@pytest.mark.second
 def test_an_integral_begins_at_the_torque_that_the_rail_carries(torque, v):
     """At its reference a PI law gives in its first tick what it begins with, not zero."""
     wheel = form.SAMPLE._replace(v=v)

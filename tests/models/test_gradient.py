@@ -161,6 +161,7 @@ def test_resistance_holds_a_vehicle_that_stands(speed: float, slope: float) -> N
     assert 1e-3 * taken.sum() == pytest.approx(held, rel=1e-2, abs=1e-9)
 
 
+@pytest.mark.second
 def test_a_motor_has_to_overcome_the_resistance_first() -> None:
     log, _ = rolled(0.0, 0.0, Davis(a=3e3), 5.0, "drive", acceleration=0.05)
     assert (log["plant.train.v"] == 0).all()

@@ -64,6 +64,7 @@ def lost(h):
     return float(h * log["plant.train.P_slip"].sum())
 
 
+@pytest.mark.second
 def test_frictional_loss_converges_with_the_order_of_the_method():
     """Backward Euler: halving the step halves the difference to the next."""
     found = [lost(h) for h in (2e-3, 1e-3, 5e-4, 2.5e-4)]

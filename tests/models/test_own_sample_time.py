@@ -47,6 +47,7 @@ def trip_of(folder, period, control=None):
     return replace(trip, controllers=own, control=changed, ensemble=None)
 
 
+@pytest.mark.second
 def test_it_holds_between_its_own_samples(tmp_path):
     trip = replace(trip_of(tmp_path, "10 ms"), duration=5.0, end="")
     log = simulate(loop(trip, "pi"), scenario(trip))
@@ -66,6 +67,7 @@ def test_one_that_never_meets_the_controllers_is_refused(tmp_path, period):
         loop(trip, "pi")
 
 
+@pytest.mark.second
 def test_its_certificate_is_that_of_its_own_sample_time(tmp_path):
     """Between two samples nothing of it changes, so that a fast task around it adds nothing."""
     numbers = []

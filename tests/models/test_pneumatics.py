@@ -101,6 +101,7 @@ def test_the_cylinder_is_that_of_another_solver():
     st.lists(st.tuples(st.booleans(), st.booleans(), st.floats(0, 1.2)), min_size=1, max_size=12),
     st.floats(0.1, 20), st.floats(0.1, 20),
 )  # fmt: skip
+@pytest.mark.second
 def test_air_is_not_lost_and_no_bits_brake_by_more_than_the_demand(steps, k_f, k_v):
     one = cylinder.with_params(k_f=k_f, k_v=k_v)
     at = [steps[k * len(steps) // 240] for k in range(240)]

@@ -100,12 +100,14 @@ def test_each_axle_finds_what_those_before_it_left(K):
 
 @settings(max_examples=8, deadline=None)
 @given(st.floats(1e4, 1e5), st.floats(0.01, 0.5), st.floats(0.05, 1.0))
+@pytest.mark.second
 def test_only_the_product_counts(force, creep, K):
     """A4: tau, N and e act through K, at fixed slip."""
     here = passed(4, K / (force * creep), force, creep)
     assert here == pytest.approx(passed(4, K / (50e3 * 0.1), 50e3, 0.1), rel=1e-10)
 
 
+@pytest.mark.second
 def test_ten_times_the_axles_come_near_the_logistic():
     """A3: with axles of a tenth of the load the recursion is ten times nearer to its limit."""
 

@@ -191,6 +191,7 @@ def test_the_machine_goes_as_it_is_told():
     assert states_of([(20, 9, -9, 0), (20, 9, -9, 1)]) == ["vent", "fill"]
 
 
+@pytest.mark.second
 def test_the_watchdog_counts_releases_gives_the_demand_and_tries_again():
     block = watchdog.with_params(T=0.01, limit=2.0, limit_still=0.5)
 

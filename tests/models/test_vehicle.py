@@ -101,6 +101,7 @@ def test_a_demand_ends_at_a_time_or_at_a_place():
         Constant(deceleration=1.0, until="12")
 
 
+@pytest.mark.second
 def test_a_trip_ends_at_standstill_or_at_a_place():
     slow = replace(CAR, speed=1.0)
     log = run(trip(vehicle=slow, end="standstill"))
@@ -526,6 +527,7 @@ def test_what_does_not_fit_is_told(change, told):
         change()
 
 
+@pytest.mark.second
 def test_tooth_wheel_and_search_are_the_defaults_and_run():
     made = Trip(
         duration=0.1, vehicle=CAR, actuator=Lag(torque=8e3), rail=DRY,

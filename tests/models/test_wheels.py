@@ -66,6 +66,7 @@ def rolled(block, ticks, **inputs):
 
 @settings(max_examples=15, deadline=None)
 @given(st.lists(st.floats(0.93, 1.07), min_size=2, max_size=8), st.floats(5, 60), st.integers(0, 9))
+@pytest.mark.second
 def test_ratios_are_learnt_from_wheels_that_roll(worn, v, seed):
     # rims have one speed; noise of 0.3 % is averaged over 300 ticks, so 0.02 %, and three of these
     n, r = len(worn), 0.42 * np.array(worn)
@@ -79,6 +80,7 @@ def test_ratios_are_learnt_from_wheels_that_roll(worn, v, seed):
     np.testing.assert_allclose(rims, rims.mean(), rtol=1.5e-3)
 
 
+@pytest.mark.second
 def test_nothing_is_learnt_under_torque_in_a_slide_or_too_slowly_and_a_reset_forgets():
     v, r = 15.0, np.array([0.42, 0.42, 0.40, 0.42])
     block = learnt_radii(4)
@@ -150,6 +152,7 @@ def test_a_loop_of_equal_wheels_with_a_measured_speed_has_no_such_part():
 # ---- speed ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.second
 def test_the_speed_goes_on_by_momentum_while_all_wheels_slide():
     # all four lock on ice: M v + sum J omega/r changes by the torques alone, so that the speed is
     # known up to the share that these may be wrong by, and what gradient and resistance may do

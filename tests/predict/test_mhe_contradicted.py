@@ -47,6 +47,7 @@ def possible(forces):
     return scipy.optimize.linprog(np.zeros(3), rows, right, bounds=(None, None)).status == 0
 
 
+@pytest.mark.second
 def test_a_limit_that_no_motion_keeps_is_given_up_and_told():
     """Status 3 where linear programming finds no motion, 0 where it finds one, at each tick."""
     rng, told, true = np.random.default_rng(8), [], []

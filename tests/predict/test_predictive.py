@@ -502,6 +502,7 @@ def test_generated_c_repeats_the_controller(real, tmp_path):
     assert not any(word in text for word in ("malloc", "calloc", "free("))
 
 
+@pytest.mark.second
 def test_controls_of_parts_that_share_a_name():
     """Two axles side by side are commanded as one each: the problem falls into two."""
     options = dict(h=0.02, horizon=10, substeps=4)

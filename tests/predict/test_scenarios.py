@@ -225,6 +225,7 @@ def hidden(block, share, ticks=60):
     return most
 
 
+@pytest.mark.second
 def test_a_rail_worse_than_told_does_not_make_the_wheel_spin():
     """60 % of the adhesion: believed whole, slip is six times the wanted .02."""
     assert hidden(slip(horizon=12), 0.6) > 0.1

@@ -43,6 +43,7 @@ def test_slopes_of_a_control_are_central_differences(options, given, follows):
         assert found.of["u"] == pytest.approx(dict.fromkeys(NUMBERS, 0.0) | follows)
 
 
+@pytest.mark.second
 def test_slopes_at_the_end_of_the_iterations_are_those_of_the_optimum():
     """Differences of IPOPT's controls, 1e-8 of its conditions over 2e-3."""
     exact = control_slopes(make(horizon=8, iterations=12), ["mu_p", "T"], **POINT).of["u"]

@@ -188,6 +188,7 @@ def test_every_run_is_sent_once_in_batches_and_kept(scheduler):
     assert (mixed, plan) == (False, "PLAN")
 
 
+@pytest.mark.second
 def test_few_runs_are_sent_one_by_one_and_many_in_bounded_batches(scheduler):
     rolled(scheduler, 3)
     assert scheduler.sent == [[0], [1], [2]]
@@ -215,6 +216,7 @@ def test_what_was_lost_is_waited_for_or_sent_again(scheduler):
     assert scheduler.sent == [[0], [1], [2], [1]]
 
 
+@pytest.mark.second
 def test_a_batch_that_is_lost_again_and_again_ends_the_sweep(scheduler):
     scheduler.answers += [("error", Killed("again"))] * (cluster.LOST + 1)
     with pytest.raises(RunFailed, match="again"):

@@ -286,6 +286,7 @@ def test_an_export_that_cannot_be(tmp_path: Path, monkeypatch: Any) -> None:
         found.save(tmp_path / "all.zarr")
 
 
+@pytest.mark.second
 def test_runs_of_an_ensemble_are_single_runs(tmp_path: Path) -> None:
     """Mass drawn, and the height of every rail times a drawn factor: built by hand it is the same.
 

@@ -56,6 +56,7 @@ def told(loop="none", **changes):
     return log, log.told()
 
 
+@pytest.mark.second
 def test_a_slide_beyond_what_the_law_is_meant_for_is_told_with_axle_and_slip():
     log, (line,) = told()
     slip = np.abs(log["plant.train.v_s"])

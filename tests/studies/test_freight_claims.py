@@ -51,6 +51,7 @@ def test_the_printed_law_is_judged_to_the_letter():
     assert claim.loop == "paper_printed"
 
 
+@pytest.mark.second
 def test_a_dither_at_the_peak_would_count_as_converged():
     """Item 16: convergence is told by the middle of the dither, which it does not move."""
     log = ran().log("base", "esa_robust")

@@ -158,6 +158,7 @@ def test_with_50_ms_lag_it_comes_back(name):
         assert run["ctl.law.upper"].values[change - 1] == pytest.approx(0.006, abs=1e-6)
 
 
+@pytest.mark.second
 def test_term_of_7_is_needed_where_the_certificate_says():
     table = limits.neglected(context())
     for k in range(3):

@@ -71,6 +71,7 @@ def test_the_papers_own_least_squares_never_finds_the_optimum():
         assert abs(log["ctl.search.best"].values[end] / log["v_opt"].values[end] - 1) > 0.4
 
 
+@pytest.mark.second
 def test_held_is_said_of_the_slip_and_not_of_the_search():
     """On ice the search is right after 16 ms, the slip for good only after a quarter second."""
     r = results()

@@ -48,6 +48,7 @@ def test_the_file_of_slipctl_new_is_what_it_says(tmp_path):
     assert trip.controllers["super_twisting"].gains == {"k1": "20 m^.5/s^1.5", "k2": "10 m/s^3"}
 
 
+@pytest.mark.second
 def test_a_file_that_is_edited_is_read_again(tmp_path, monkeypatch):
     """In one process, by the same name, and in another folder too: the old vehicle was given."""
     for folder, mass in (("a", 38), ("a", 42), ("b", 40)):
@@ -218,6 +219,7 @@ def test_a_fault_on_the_command_line_is_one_line_each_and_exit_code_2(
 
 @settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
+@pytest.mark.second
 def test_an_altered_file_is_read_or_refused(tmp_path_factory, data):
     lines = METRO.split("\n")
     for _ in range(data.draw(st.integers(1, 3))):
