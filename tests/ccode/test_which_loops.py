@@ -271,7 +271,7 @@ def test_what_is_done_again_ends_where_its_number_says_so(begun: bool) -> None:
 
 
 def test_what_is_repeated_is_not_looked_into_and_may_give_its_last_result_alone() -> None:
-    around = ca.Function("around", [x, u, k], INNER(x, u, k))
+    around = ca.Function("around", [p, r, q], INNER(p, r, q))
     for many in (4, 13):
         inner, count = loops.accumulation_body(around.mapaccum(many))
         assert (inner.name(), count) == ("around", many)
