@@ -17,7 +17,7 @@ from slipctl import BadInput, Input, Output, Param, RunFailed, State, step
 from slipctl.ccode import codegen
 from slipctl.ccode.check import comparison, float_error
 from slipctl.ccode.check.proof import kernel_proof, module_proof
-from slipctl.ccode.check.vectors import run_inputs
+from slipctl.ccode.check.vectors import misuse, run_inputs
 from slipctl.ccode.compile import module as modules
 from slipctl.ccode.compile.template import fill_template
 from slipctl.ccode.module.kernel import Kernel
@@ -25,8 +25,8 @@ from slipctl.ccode.module.layout import dense_value
 from slipctl.ccode.module.plan import Plan
 from slipctl.ccode.passes import precision
 from slipctl.ccode.passes.integers import with_integers
-from slipctl.ccode.ship import readable
-from slipctl.ccode.tree import helpers
+from slipctl.ccode.ship import bus, fmu, readable
+from slipctl.ccode.tree import casadi_text, helpers
 from slipctl.ccode.tree.parser import code
 from slipctl.ccode.tree.printer import lines_of
 
@@ -291,3 +291,63 @@ def test_inputs_that_fill_their_ranges_are_told_nothing() -> None:
     assert readable.vectors_said({"made_up": None, "ticks": 0}) == ""
     assert "fill 10 % of" in readable.vectors_said({"made_up": 0.1, "ticks": 5})
     assert readable.vectors_said({"made_up": 1.0, "ticks": 0}).startswith("No test vectors")
+
+
+@step(period=0.01, y=Output("m", "sum", lo=-9, hi=9))
+def wanders(
+    u=Input("m", shape=(2,), lo=-2, hi=6), v=Input("m", lo=-3, hi=1, change=0.25, noise=0.05),
+    w=Input("m", lo=0), k=Param("1", 2.0, lo=-1), m=Param("1", (1.0, 2.0), shape=(2,), hi=4),
+    n=Param("1", 1.0),
+):  # fmt: skip
+    """Ranges with and without ends."""
+    return {}, dict(y=u[0] + v + w * k + m[1] + n)
+
+
+def test_wrong_use_draws_from_all_of_a_range_and_wanders_by_a_tenth_of_it() -> None:
+    """Or by the change of a tick with its noise; where there is no end it turns at a million."""
+    plan = Plan(wanders)
+    assert misuse.input_travel(plan, 0.1) == [
+        "{-2.0, 6.0, 0.8}", "{-2.0, 6.0, 0.8}", "{-3.0, 1.0, 0.3}", "{0.0, 1e6, 1e5}",
+    ]  # fmt: skip
+    text = misuse.misuse(plan)
+    for table in (["{-2.0, 6.0, 0.8}", "{-2.0, 6.0, 0.8}", "{-3.0, 1.0, 0.3}", "{0.0, 1e6, 1e5}"],
+                  ["{-1.0, 1e30}", "{-1e30, 4.0}", "{-1e30, 4.0}", "{-1e30, 1e30}"]):  # fmt: skip
+        assert ", ".join(table) in " ".join(text.split())
+
+
+@pytest.mark.parametrize(("hi", "said"), [(1.05e30, "it has no range"), (9.5e29, "its range is")])
+def test_a_range_that_is_that_of_the_type_is_none(hi: float, said: str) -> None:
+    @step(period=0.01, y=Output("1", lo=0, hi=hi))
+    def wide(u=Input("1", lo=-1, hi=1)):
+        """Wide."""
+        return {}, dict(y=u)
+
+    with pytest.raises(BadInput, match=said):
+        bus.read(Plan(wide), ["y=int16:1"])
+
+
+def test_what_lacks_a_value_a_period_or_a_library_is_refused(monkeypatch) -> None:
+    @step(y=Output("1", lo=-1, hi=1))
+    def timeless(u=Input("1", lo=-1, hi=1)):
+        """Without a period."""
+        return {}, dict(y=u)
+
+    plan = Plan(timeless)
+    with pytest.raises(BadInput, match="timeless has no period, which an FMU needs"):
+        fmu.fmus(plan, dict.fromkeys(plan.files, ""), "", [])
+
+    @step(period=0.01, y=Output("1", lo=-9, hi=9))
+    def valueless(u=Input("1", lo=-1, hi=1), k=Param("kg", lo=0, hi=9)):
+        """A parameter without a value."""
+        return {}, dict(y=k * u)
+
+    with pytest.raises(BadInput, match=r"valueless\.k has no value; give it a default in kg"):
+        Plan(valueless)
+
+    def refuse(found: Any, where: str) -> None:
+        raise BadInput(f"{where}: {len(found) > 0}")
+
+    monkeypatch.setattr(casadi_text, "_refuse", refuse)
+    x = ca.SX.sym("x")
+    with pytest.raises(BadInput, match="here: True"):
+        casadi_text.casadi_c([ca.Function("f", [x], [2 * x])], "here")
