@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import casadi as ca
 import pytest
-from test_arrays import MATRIX, NUMBER, Prepared, argument, numbers
+from test_arrays import MATRIX, NUMBER, VECTOR, Prepared, argument, numbers
 
 from slipctl.ccode.tree import nodes as c
-from slipctl.ccode.tree.graph import Step
+from slipctl.ccode.tree.graph import CHOSEN, Step
 from slipctl.ccode.tree.parser import expression
 from slipctl.ccode.tree.printer import lines_of
 from slipctl.ccode.tree.vectors import loop
@@ -59,7 +59,8 @@ def test_what_is_read_at_a_place_that_was_found_needs_no_other_search() -> None:
     ("statement", "wanted"),
     [
         ("a[@] = 2.5;", "fill(a, 4, 2.5);"), ("a[3 + @] = -2.5;", "fill(&a[3], 4, -2.5);"),
-        ("a[@] = b[@];", "copy(a, b, 4);"), ("p->a[2 + @] = b[1 + @];", "copy(&p->a[2], &b[1], 4);"),
+        ("a[@] = b[@];", "copy(a, b, 4);"),
+        ("p->a[2 + @] = b[1 + @];", "copy(&p->a[2], &b[1], 4);"),
         ("a[@] = -x;", "for (int i = 0; i < 4; ++i) { a[i] = -x; }"),
         ("a[@] += 2.5;", "for (int i = 0; i < 4; ++i) { a[i] += 2.5; }"),
         ("a[@] = b[2 * @];", "for (int i = 0; i < 4; ++i) { a[i] = b[2 * i]; }"),
@@ -72,3 +73,31 @@ def test_a_loop_that_only_moves_numbers_is_a_call(statement: str, wanted: str) -
         " += " if "+=" in statement else " = ")  # fmt: skip
     to, value = (expression(t).swap({"at": c.name("@")}) for t in (left, right))
     assert lines_of(loop(4, c.assign(to, value, sign.strip()))) == [wanted]
+
+
+def test_elements_one_by_one_stand_in_the_declaration_of_their_array() -> None:
+    chosen = [Step(CHOSEN, (0,), size=3, detail=places) for places in ([3, -1, 0], [2, 0, 1])]
+    made = Prepared([VECTOR, *chosen], [1, 2]).run()
+    assert lines_of(made.lines) == [
+        "const double a1[3] = {v[3], 0.0, v[0]};", "const double a2[3] = {v[2], v[0], v[1]};",
+    ]  # fmt: skip
+
+
+def test_results_that_only_have_names_are_not_written_for_themselves() -> None:
+    """The second names what the first uses twice, the third what nobody uses."""
+    operations = [
+        NUMBER,
+        argument(0, 1, 5),
+        Step(ADD, (0, 1)),
+        Step(MUL, (2, 2)),
+        Step(MUL, (2, 0)),
+    ]
+    names = {0: "first", 1: "inner", 2: "unused"}
+    made = Prepared(operations, [3, 2, 4], hidden=1, names=names).run()
+    assert made.results == [((0, 0), 3)]
+    assert lines_of(made.lines) == [
+        "const double inner = s + A[5];", "const double first = inner * inner;",
+    ]  # fmt: skip
+    whole = Prepared(operations, [3, 2, 4], names=names).run()
+    assert [n for _, n in whole.results] == [3, 2, 4]
+    assert lines_of(whole.lines)[-1] == "const double unused = inner * s;"
