@@ -12,6 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from test_passes import in_two, whole_tick
 
 from slipctl import BadInput, Input, Output, Param, RunFailed, State, step
 from slipctl.ccode import codegen
@@ -351,3 +352,11 @@ def test_what_lacks_a_value_a_period_or_a_library_is_refused(monkeypatch) -> Non
     x = ca.SX.sym("x")
     with pytest.raises(BadInput, match="here: True"):
         casadi_text.casadi_c([ca.Function("f", [x], [2 * x])], "here")
+
+
+def test_a_tick_in_two_parts_is_written_by_casadi_alone() -> None:
+    """Only its text leaves what is prepared where it lies."""
+    for block, by_casadi in ((in_two(), True), (whole_tick, False)):
+        plan = Plan(block)
+        assert bool(plan.equations.static) == by_casadi
+        assert plan.can_fail == by_casadi
