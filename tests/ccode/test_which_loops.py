@@ -58,7 +58,7 @@ def test_a_map_whose_results_are_summed_is_a_sum_of_arguments_in_any_order() -> 
     pairs = [ca.repsum(n, 1, 2), ca.repsum(c, 1, 2)]
     given = [X, U, K, KS, more]
     for results in (summed[:1], summed[::-1], [n, summed[1]], [summed[0], c], moved, piece, half,
-                    twice, pairs, [*summed, 2 * K]):  # fmt: skip
+                    twice, pairs, [*summed, 2 * K], [summed[0], 2 * K]):  # fmt: skip
         assert loops.sums(ca.Function("f", given, results)) is None
     each = [INNER(X[:, 0], U[:, 0], K)[0], INNER(X[:, 0], U[:, 0], K)[1]]
     assert loops.sums(ca.Function("f", [X, U, K], each)) is None
@@ -75,6 +75,9 @@ def test_columns_and_what_is_the_same_in_each_of_them() -> None:
     made = INNER.mapaccum(12)(begin, columns, ca.repmat(K, 1, 12))
     f = ca.Function("f", [begin, columns, K], made)
     assert told(loops.shared_columns(f)) == wanted | {"count": 12, "goes_on": True}
+    single = ca.Function("single", [x, k], [x * k]).map(4)
+    found = loops.shared_columns(ca.Function("f", [X, K], [single(X, ca.repmat(K, 1, 4))]))
+    assert told(found) == wanted | {"inner": "single", "arguments": frozenset({1})}
     for arguments, results in (
         ([X, U, KS], MAP(X, U, KS)),  # nothing is the same
         ([U, X, K], MAP(X, U, ca.repmat(K, 1, 4))),
@@ -265,3 +268,51 @@ def test_what_is_done_again_ends_where_its_number_says_so(begun: bool) -> None:
         "more(latest_2, k, to)", "latest_2 = to",
         "} if (latest_2 != out) { copy(out, latest_2, 2)", "}",
     ]  # fmt: skip
+
+
+def test_what_is_repeated_is_not_looked_into_and_may_give_its_last_result_alone() -> None:
+    around = ca.Function("around", [p, r, q], INNER(p, r, q))
+    for many in (4, 13):
+        inner, count = loops.accumulation_body(around.mapaccum(many))
+        assert (inner.name(), count) == ("around", many)
+        inner, count = loops.accumulation_body(STEP.fold(many))
+        assert (inner.name(), count) == ("step", many)
+
+
+LATE = ca.Function("late", [k, ca.MX.sym("none", 0), u, x], [ca.dot(u, u) - k, x * k + u[1:]])
+
+
+def test_arguments_and_results_of_a_stage_may_stand_in_any_order() -> None:
+    """One without numbers besides; the second result is the fourth argument of the next stage."""
+    now, costs = p, []
+    for column in CUT:
+        cost, now = LATE(q, ca.MX(0, 1), column, now)
+        costs.append(cost)
+    found = scans.find_scan(ca.Function("f", [V, p, q], [now, ca.horzcat(*costs)]))
+    assert found is not None
+    assert (found.sources, found.carried, found.columns) == ((2, -1, 0, 1), {3: 1}, {2})
+    assert (found.last, found.every) == ({1: 0}, {0: 1})
+    lines = lines_of(scans.scan_lines(found, "f", ["V", "p", "q"], ["end", "c"], set(), False))
+    assert lines[4:6] == [
+        "    double *const p_next = p_by_turns[i % 2];",
+        "    f(q, &V[3 * i], p_now, &c[i], p_next);",
+    ]
+
+
+def test_stages_in_functions_of_some_of_them_are_one_loop() -> None:
+    """Three calls of a Function of two stages, whose arguments stand in another order."""
+    pair = ca.MX.sym("pair", 3, 2)
+    end, costs = stages(ca.horzsplit(pair), begin=x, by=k)
+    two = ca.Function("two", [k, pair, x], [ca.horzcat(*costs), end])
+    W = ca.MX.sym("W", 3, 6)
+    now, each = p, []
+    for columns in ca.horzsplit(W, 2):
+        cost, now = two(q, columns, now)
+        each.append(cost)
+    found = scans.find_scan(ca.Function("f", [q, W, p], [now, ca.horzcat(*each)]))
+    assert found is not None
+    assert (found.inner.name(), found.count, found.backward) == ("inner", 6, False)
+    assert (found.sources, found.carried, found.columns) == ((2, 1, 0), {0: 0}, {1})
+    assert (found.last, found.every) == ({0: 0}, {1: 1})
+    mixed = ca.Function("g", [q, W, p], [now, ca.horzcat(each[1], each[0], each[2])])
+    assert scans.find_scan(mixed) is None

@@ -161,8 +161,6 @@ def accumulation_body(f: ca.Function) -> tuple[ca.Function, int] | None:
         if len(bases) != 1:
             break
         nested = [g for n, g in called.items() if re.search(r"_acc\d+$", n)]
-        if inner is not f and not re.search(r"_acc\d+$", inner.name()):
-            break
         inner = nested[0] if nested else next(iter(called.values()))
         if not nested:
             break
