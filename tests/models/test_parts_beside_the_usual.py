@@ -10,7 +10,17 @@ import pytest
 
 from slipctl import BadInput, Block, Input, Output, Param, Scenario, law
 from slipctl.models.huang_2020.subway_braking import double_exponential
-from slipctl.models.vehicle import Lag, Sensors, Stretch, Track, TrainSlip, Vehicle, control, study
+from slipctl.models.vehicle import (
+    Lag,
+    Sensors,
+    Stretch,
+    Track,
+    TrainSlip,
+    Vehicle,
+    control,
+    description,
+    study,
+)
 from slipctl.models.vehicle.adhesion import layer_law
 from slipctl.models.vehicle.contamination import field_of_rail
 from slipctl.models.vehicle.description import VEHICLE_FILES, _faults_of_laws
@@ -57,7 +67,9 @@ def test_a_layer_that_no_rail_is_like_is_refused():
         layer_law(trip, twice)
 
 
-def test_the_reference_of_a_trip_is_refused_where_it_stands():
+def test_the_reference_of_a_trip_is_refused_where_it_stands(monkeypatch):
+    for name in ("rail_law", "field_of_rail"):  # which are right, and take their time
+        monkeypatch.setattr(description, name, lambda trip: None)
     trip = layered()
     assert _faults_of_laws(replace(trip, reference=TrainSlip())) == []
     ((keys, why),) = _faults_of_laws(replace(trip, reference=TrainSlip(layer={"mu_9": 1.0})))
@@ -183,6 +195,8 @@ class SmallCase:
 
 def test_a_trip_on_a_layer_has_its_case_and_that_of_clean_rail(monkeypatch):
     made = SmallCase(Scenario(name="base", duration=90.0), {}, {})
+    for name in ("parts_without_effect", "numbers_without_unit", "unusual_numbers"):
+        monkeypatch.setattr(study, name, lambda trip: ())
     monkeypatch.setattr(study, "case", lambda trip, name: made)
     monkeypatch.setattr(study, "clean_case", lambda trip, found: replace(found, known={"rail": 1}))
     mine = study.study(layered(), "mine", "a file")
