@@ -11,6 +11,8 @@ import pytest
 from slipctl.certify.arithmetic.interval_arrays import Boxes
 from slipctl.certify.arithmetic.whole_boxes import ONE, WholeBoxes
 from slipctl.certify.cells.mode_images import ModeTick
+from slipctl.certify.cells.mode_lines import LineValues
+from slipctl.certify.cells.mode_means import MeanValues
 from slipctl.certify.ticks.tick_code import TickCode
 
 F = Fraction
@@ -88,6 +90,19 @@ def test_an_image_across_a_bend_or_a_jump_holds_both_sides(kind) -> None:
         assert (low <= values.min(axis=1) + 1e-12).all()
         assert (high >= values.max(axis=1) - 1e-12).all()
         assert (high - low < np.ptp(values, axis=1) + 2 * WIDE).all()
+
+
+@pytest.mark.parametrize("kind", ["lines", "means"])
+def test_a_value_times_itself_is_its_square(kind) -> None:
+    """And over itself one, whatever is known of it."""
+    maker = LineValues() if kind == "lines" else MeanValues(Boxes)
+    form = maker.cells([(np.array([1.0, -2.0]), np.array([2.0, -1.5]))])[0]
+    square = maker.after("mul", [form, form], [0, 0]).box
+    assert list(square.low) == pytest.approx([1, 2.25])
+    assert list(square.high) == pytest.approx([4, 4])
+    one = maker.after("div", [form, form], [0, 0]).box
+    assert (one.low <= 1).all()
+    assert (one.high >= 1).all()
 
 
 @pytest.mark.parametrize("kind", [Boxes, WholeBoxes])
