@@ -111,6 +111,29 @@ def test_a_bound_that_is_wide_enough_ends_the_search(monkeypatch) -> None:
 
 
 @pytest.mark.parametrize(
+    ("sizes", "tried", "best"),
+    [([5, 6, 1], 2, 5), ([5, 5, 1], 2, 5), ([5, F(495, 100), 1], 2, F(495, 100)),
+     ([5, F(48, 10), 4, 4], 4, 4)],
+)  # fmt: skip
+def test_finer_rows_behind_a_lag_are_tried_as_long_as_they_gain(
+    monkeypatch, sizes, tried, best
+) -> None:
+    """At least a fiftieth; the smallest set that was found is told."""
+    asked = []
+
+    def grown(rows, most, room):
+        asked.append(rows.grid.parts)
+        assert len(asked) <= tried
+        return SimpleNamespace(largest=lambda: sizes[len(asked) - 1]), 7, 0.001
+
+    monkeypatch.setattr(twisting_late, "_grown", grown)
+    monkeypatch.setattr(twisting_late, "step", lambda rows: F(1, 2))
+    found = twisting_late.find(Late(replace_noise("1/10"), F(0), 0))
+    assert asked == [4 * 2**k for k in range(tried)]
+    assert (found.y, found.parts) == (best, 4 * 2 ** sizes.index(best))
+
+
+@pytest.mark.parametrize(
     ("wanted", "sizes", "tried", "best"),
     [
         (None, [10, 8, F(798, 100), 5], 3, F(798, 100)),  # less than a hundredth is gained
