@@ -108,6 +108,7 @@ def test_a_found_function_is_written_with_its_largest_mean_as_one() -> None:
     found = dither_search.find(loop, 1.0)
     assert found is not None
     assert max(row[0] for row in found.proof.P) == pytest.approx(1, abs=1e-6)
+    assert found.at_least(loop, 1e9, 5) == -1.0  # from so far it need not come back
     assert 0.99 * found.swing < dither_search.swing(loop) <= found.swing
 
 
