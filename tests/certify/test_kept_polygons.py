@@ -1,4 +1,4 @@
-"""Polygons of one error behind an actuator, as a file holds them: refused where they are altered."""
+"""Polygons of one error behind an actuator, as a file holds them: refused where altered."""
 
 from __future__ import annotations
 
