@@ -35,6 +35,7 @@ from slipctl.certify.ticks.tick_code import (
     with_constants,
 )
 from slipctl.certify.ticks.tick_source import Symbol, _Session, code_of_tick, exp
+from slipctl.models.super_twisting.certificate import twisting_report
 
 F = Fraction
 
@@ -213,6 +214,16 @@ def test_a_tick_has_so_many_ways_over_some_cells(monkeypatch) -> None:
         loop.tick().images(Boxes, ends, modes, loop.push)
 
 
+@pytest.mark.parametrize("far", [1e30, -1e30, math.inf])
+def test_runs_that_go_farther_than_cells_reach_prove_nothing(far) -> None:
+    loop = spiral()
+    low, high = np.array([0.0, min(far, -1.0)]), np.array([1.0, max(far, 1.0)])
+    runs = SimpleNamespace(low=low, high=high, visited=[])
+    asked = (np.ones(2), (F(1, 8), F(1, 16)))
+    with pytest.raises(NoProof, match="its runs go farther than cells reach"):
+        mode_proofs._grown(loop, {}, runs, asked, mode_proofs.Work(10**6))
+
+
 # ---- sums and tubes ------------------------------------------------------------------------------
 
 
@@ -272,6 +283,21 @@ def test_a_loop_that_grows_takes_more_bits_than_there_are(monkeypatch) -> None:
     monkeypatch.setattr(tube, "MOST_BITS", bits - 1)
     with pytest.raises(DoesNotHold, match="the linear loop grows too fast"):
         tube._paths(*asked)
+
+
+def test_gains_on_the_boundary_have_no_verdict(monkeypatch) -> None:
+    """Where no enclosure tells on which side they are; near it the enclosure says it."""
+    gains = {"k1": F(twisting_report.smallest_k1("exact", 2.0, 1.0)), "k2": F(2), "L": F(1),
+             "delta": F(0)}  # fmt: skip
+    for found, verdict in (((F(-2), F(-1)), "CERTIFIED"), ((F(1), F(2)), "REFUTED"),
+                           ((F(-1), F(1)), "REFUTED")):  # fmt: skip
+        monkeypatch.setattr(twisting_report, "enclosure_of_log_ratio", lambda *_, e=found: e)
+        assert twisting_report.exact_verdict(gains) == verdict
+    monkeypatch.setattr(twisting_report, "enclosure_of_log_ratio", lambda *_: None)
+    with pytest.raises(BadInput, match="the gains lie on the boundary of stability"):
+        twisting_report.exact_verdict(gains)
+    large = {"k1": F(5), "k2": F(2), "L": F(1), "delta": F(0)}  # k1^2 = 25 >= 8 (k2 + L)
+    assert twisting_report.exact_verdict(large) == "CERTIFIED"
 
 
 # ---- ticks ---------------------------------------------------------------------------------------

@@ -12,12 +12,14 @@ import pytest
 from slipctl import BadInput
 from slipctl.certify.entries import DoesNotHold
 from slipctl.models.super_twisting.certificate import (
+    twisting_late,
     twisting_levels,
     twisting_proof,
     twisting_rows,
     twisting_sampled,
     twisting_turns,
 )
+from slipctl.models.super_twisting.certificate.twisting_late import Late
 from slipctl.models.super_twisting.certificate.twisting_levels import Levels
 from slipctl.models.super_twisting.certificate.twisting_rows import EMPTY, Grid, Law, Rows
 from slipctl.models.super_twisting.certificate.twisting_turns import falling_bounds, sweep
@@ -274,6 +276,31 @@ def test_a_run_in_whole_numbers_is_that_of_floats() -> None:
         assert twisting_sampled.replay_run(law, [*d, F(11, 8)]) is None
         assert twisting_sampled.replay_run(law, [F(-11, 8), *d]) is None
     assert twisting_sampled.replay_run(law, [F(1), F(1), F(1)]) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("k1", "k2", "noise", "dead", "d", "heard"),
+    [
+        (3, 18, 2, 0, "3 7 3 -7 -7 3 -5 -5 -7 -7 7 -5", "2 -2 2 2 0 -2 2 -2 0 2 2 -2"),
+        (2, 28, 0, 0, "-7 3 -7 -5 -5 -7 7 -7 -5 3 7 -7", ""),
+        (2, 23, 2, 0, "3 7 -7 -5 7 3 7 7 7 -7", "2 2 2 2 2 2 -2 -2 0 2"),
+        (4, 27, 0, 1, "3 3 7 -5 -7 7 7 3 7 3 -5 3 -5", ""),
+        (4, 13, 0, 1, "-5 -7 -7 7 3 7 7 7 -7 3 -7", ""),
+    ],
+)
+def test_a_replay_behind_a_lag_never_says_more_with_few_digits(
+    k1, k2, noise, dead, d, heard
+) -> None:
+    """In sevenths, behind a lag of 9/5 ticks: what is left of the lag may be either side of it."""
+    law = Late(Law(F(k1, 7), F(k2, 7), F(1), F(noise, 7)), F(9, 5), dead)
+    pushes = [F(x) / 7 for x in d.split()]
+    noises = [F(x) / 7 for x in heard.split()] or [F(0)] * len(pushes)
+    true = twisting_late.replay(law, pushes, noises, 900)
+    assert true > 0
+    for digits in (15, 21, 24, 60, 300):
+        found = twisting_late.replay(law, pushes, noises, digits)
+        assert found is None or found <= true
+    assert float(found) == pytest.approx(float(true), rel=1e-9)
 
 
 def test_bounds_that_cross_fall_one_after_the_other() -> None:

@@ -110,11 +110,12 @@ def largest_period(k: float, k_a: float, k_s: float) -> float:
     """Largest period in s at which no error in (-k_a, k_s) jumps out: printed shape, w = 0.
 
     Proof note: from the side of k_a the furthest error is k_a overshoot(kappa_a) < k_s, and the
-    same from the other side.
+    same from the other side. From the narrower side that is so up to kappa = INVARIANT.
     """
 
     def of(here: float, there: float) -> float:
-        kappa = bisect(overshoot, min(there / here, 1.0), 1.0, INVARIANT)
+        share = there / here
+        kappa = bisect(overshoot, share, 1.0, INVARIANT) if share < 1 else INVARIANT
         return kappa / rate(k, here)
 
     return min(of(k_a, k_s), of(k_s, k_a))

@@ -232,7 +232,7 @@ def moved_rows(values: Ends, first: int, last: int, room: int) -> Ends:
     # out[t] = max of values[t - room - last .. t - room - first]
     begin = room + last
     wide[begin : begin + n] = values
-    return windows(wide, width)[: n + 2 * room]
+    return windows(wide, width)
 
 
 def windows(values: Ends, width: int) -> Ends:
