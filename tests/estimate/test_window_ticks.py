@@ -222,3 +222,46 @@ def test_the_smallest_shift_has_its_own_defaults():
         math.sqrt(s2 * nu * math.expm1(25 / nu) / weight))  # fmt: skip
     assert math.isinf(smallest_shift(1.0, 4))
     assert math.isfinite(smallest_shift(1.0, 5))
+
+
+def test_the_next_residual_hears_the_innovation_of_the_newest():
+    """Of five samples of which the oldest has no weight yet, in slopes by the coordinates."""
+    it, echo = window(echo=0.5), 0.5
+    weights = np.array([[1.0, 1, 1, 1, 0]])
+    found = it.heard(dm({"theta": STATE["theta"], "kept": SAMPLES}), ca.DM(weights), ca.DM([0.9]))
+    values, slopes = (np.array(v) for v in MODEL.parameters(STATE["theta"]))
+    e, rows = by_numpy(values.ravel(), SAMPLES, 0.9)
+    r, u, g = 0.0, 0.0, np.zeros(3)
+    for k in (3, 2, 1, 0):
+        q = echo / r if r else 0.0
+        u, g, r = e[k] + q * u, rows[k] + q * g, 1 + echo**2 - echo * q
+    assert number(found).ravel() == pytest.approx(echo / r * np.r_[u, slopes.T @ g])
+
+
+@pytest.mark.parametrize("memory", [1, 3])
+def test_a_change_puts_aside_what_was_known_and_begins_afresh(memory):
+    """And two samples in a row that agree with it bring it back."""
+    block = rls(curve, unknown=["b"], coordinates=["b"], start={"b": -0.3}, form="window", window=6,
+                memory=memory, recall=2, noise=0.01)  # fmt: skip
+    rng, state = np.random.default_rng(3), {}
+
+    def sample(b, state):
+        v, w = rng.uniform(0.2, 2), rng.uniform(0.5, 1, 2)
+        y = 1.5 * math.exp(-0.4 * v) + b * w[0] - 0.7 * 0.4 * w[1] + 0.001 * rng.normal()
+        return block(**state, v=v, w=w, y=y, k=0.7, a=0.4, c=1.5)
+
+    for _ in range(9):
+        state, out = sample(-0.3, state)
+        assert out["changed"] == 0
+    before = state
+    assert out["b"] == pytest.approx(-0.3, abs=2e-3)
+    state, out = sample(0.9, state)
+    assert (out["changed"], out["recalled"]) == (1, 0)
+    for n in KNOWN:
+        assert np.asarray(state[f"former_{n}"]) == pytest.approx(np.asarray(before[n])), n
+    assert (float(state["count"]), float(state["agreed"])) == (1, 0)
+    state, out = sample(-0.3, state)
+    assert (float(state["agreed"]), out["recalled"]) == (1, 0)
+    state, out = sample(-0.3, state)
+    assert out["recalled"] == 1
+    assert out["b"] == pytest.approx(-0.3, abs=2e-3)
