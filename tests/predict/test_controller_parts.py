@@ -121,6 +121,20 @@ def test_what_is_held_is_ahead_or_the_same_for_all_stages(controller):
     assert [number(long._start(n)).item() for n in long.h.controls] == [0, 0]
 
 
+def test_scenarios_share_their_numbers_and_the_first_stages(controller):
+    it = controller(
+        scenarios=[{}, {"m": 0.5}], shared=1, horizon=3, damping=0.1,
+        soft={"v": (-1.0, 1.2, 9.0), "power": (None, 1.0, 2.0)},
+    )  # fmt: skip
+    assert it.fixed == {"together": [1, 0, 0, 0]}
+    names = [s.name for s in it.settings()]
+    limits = [f"{n}_{e}" for n in ("v", "power") for e in ("min", "max", "weight")]
+    assert names == [
+        "weight_e", "weight_f", "weight_b", "weight_p", "F_lo", "F_hi", "B_lo", "B_hi", *limits,
+        "damping",
+    ]  # fmt: skip
+
+
 def bare(rate, tied):
     made = object.__new__(Controller)
     made.h, made.rate, made.tied = SimpleNamespace(nu=2, stages=4), rate, tied
