@@ -200,6 +200,20 @@ def test_a_guess_from_a_log_is_of_the_times_of_its_phases():
     assert short["durations"] == pytest.approx([1.0, 1e-3])
 
 
+def test_without_a_log_the_plant_goes_on_by_itself_section_by_section():
+    """Under the control nearest to none, 1 N of which a share arrives, then a quarter, a half."""
+    scenario = Scenario("go", 4.0, by_time(0, 1.5, 3.0))
+    told = made(scenario, bounds={"F": (1.0, 3.0)}).guess(None)
+    assert told["durations"] == [1.5, 1.5, 1.0]
+    v = 0.5
+    for k, (grip, long) in enumerate(((1.0, 1.5), (0.25, 1.5), (0.5, 1.0))):
+        share, a = np.array([0.0, 0.5, 1.0]), (grip - 0.5 + 0.125) / 2
+        rows = told["x"][k](share)
+        assert rows[:, 1] == pytest.approx(v + a * share * long, abs=3e-3)
+        assert told["u"][k](share) == pytest.approx(np.tile([0.5, 1.0], (3, 1)))
+        v += a * long
+
+
 def test_a_plan_of_two_controls_keeps_its_limits():
     """Farthest in 2 s: all force, least brake, no faster than 1 m/s; it adds up in the log."""
     found = made(Scenario("go", 2.0), limits={"v": (-9.0, 1.0)})

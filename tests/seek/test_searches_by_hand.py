@@ -16,10 +16,11 @@ from slipctl.seek.random import FACTORS, MODULI
 
 
 @pytest.mark.parametrize(
-    ("n", "crossover", "generations", "seed"), [(13, 0.6, 5, 11), (4, 1.0, 3, 7), (11, 0.3, 2, 2)]
+    ("n", "crossover", "generations", "seed"),
+    [(13, 0.6, 5, 11), (4, 1.0, 3, 7), (11, 0.3, 2, 2), (5, 0.6, 2, 2604)],
 )
 def test_evolution_is_the_algorithm_bit_for_bit(n, crossover, generations, seed):
-    """Of a population of one block and a rest, of less than one, and of one and a single member."""
+    """Of a block and a rest, less than one, one and a single member; a draw at the very share."""
     block = search(population=n, crossover=crossover, generations=generations, seed=seed)
     state, y = block(c=0.7, a=0.4, b=1.3)
     rng, best, value = by_hand(n, crossover, generations, seed, 0.7, 0.4, 1.3)

@@ -138,12 +138,15 @@ class Interior:
         Rz, Rv = R[:, :nz], R[:, nz:]
         Qvz, Qvv = Qvz + Rv.T @ ca.diag(W) @ Rz, Qvv + Rv.T @ ca.diag(W) @ Rv
         qv += Rv.T @ (W * (e - t0) + f)
-        K, k = -ca.solve(Qvv, Qvz), -ca.solve(Qvv, qv)
         if any(of.tied):
-            E = ca.SX(nu, nz)
+            held, E = tied * ca.SX.eye(nu), ca.SX(nu, nz)
             E[:, self.h.nx :] = ca.SX.eye(nu)
-            K = ca.if_else(tied, E, K)
-            k = ca.if_else(tied, earlier - u, k)
+            free, fixed = ca.SX.eye(nu) - held, earlier - u
+            M = free @ Qvv @ free + held
+            K = held @ E - free @ ca.solve(M, free @ (Qvz + Qvv @ held @ E))
+            k = held @ fixed - free @ ca.solve(M, free @ (qv + Qvv @ held @ fixed))
+        else:
+            K, k = -ca.solve(Qvv, Qvz), -ca.solve(Qvv, qv)
         # W grows without bound: only sums of squares keep their digits
         A, B, b, H, g = of.augmented(t, bounds)
         closed, on = A + B @ K, ca.vertcat(ca.SX.eye(nz), K)
