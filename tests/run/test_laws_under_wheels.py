@@ -82,3 +82,28 @@ def test_a_peak_is_looked_for_up_to_a_locked_wheel(unit, farthest):
     assert condition == "high"
     assert at == pytest.approx(0.95 * farthest, rel=0.05)
     assert height == pytest.approx(0.5 * 0.95 * farthest / np.e, rel=2e-3)
+
+
+@step(period=0.5, a_s=Output("m/s", "another slip", positive="braking", per="speed"),
+      v_s=Output("m/s", "slip", positive="braking", per="speed"), v=Output("m/s", "speed"),
+      ratio=Output("1", "ratio", positive="braking", per="ratio"))  # fmt: skip
+def train(n=State("1", 0.0), mu=Input("1", "adhesion", positive="braking")):
+    """Has two slips and a speed."""
+    return dict(n=n), dict(a_s=n, v_s=n + 0 * mu, v=n, ratio=n)
+
+
+def test_the_slip_of_a_law_is_the_one_of_its_name():
+    """Whatever else slips beside it; what is watched is the slip, the adhesion and the speed."""
+    wires = {"adh.v_s": "w.v_s", "w.mu": "adh.mu"}
+    part = connect("part", wires, w=train, adh=exponential_tail)
+    loop = connect("loop", {}, front=part, plain=train)
+    ((path, law, name),) = wheels.rail_laws(loop)
+    assert (path, law.name, name) == ("front.adh", "exponential_tail", "front.w.v_s")
+    assert wheels.watched_wheels(loop) == {"front.w.v_s", "front.adh.mu", "front.w.v"}
+    bare = from_text("mu = 0.1*lam", inputs={"lam": "1"})
+    assert list(wheels.rail_laws(connect("loop", {}, w=train, adh=bare))) == []  # on no rail
+    ratio = bare.with_conditions(dry={})
+    assert [n for *_, n in wheels.rail_laws(connect("loop", {}, w=train, adh=ratio))] == []
+    inner = connect("inner", {}, w=train, adh=ratio)
+    found = list(wheels.rail_laws(connect("loop", {}, a=inner)))
+    assert [(p, n) for p, _, n in found] == [("a.adh", "a.w.ratio")]
