@@ -12,11 +12,12 @@ from test_page_of_a_sweep import swept
 from slipctl import BadInput
 from slipctl.errors import Faults
 from slipctl.study import processor, resolve
-from slipctl.study.case_setup import in_words, read_swaps
+from slipctl.study.case_setup import in_words, prepare, read_swaps
 from slipctl.study.declaration import Context
 from slipctl.study.files.results_folder import csv_text
 from slipctl.study.files.trip_files import _loop
 from slipctl.study.report import sweep_page
+from slipctl.study.request import Request
 
 
 def test_faults_are_told_by_the_next_frame_that_is_heard():
@@ -161,3 +162,58 @@ def test_parts_of_an_experiment_tell_how_far_it_is():
     shares.clear()
     assert context.each("more", [1, 2], lambda k: -k, share=(0.5, 0.75)) == [-1, -2]
     assert (min(shares) >= 0.5, shares[-1]) == (True, 0.75)
+
+
+def case_of(name, **loops):
+    return SimpleNamespace(scenario=SimpleNamespace(name=name), loops=loops)
+
+
+CASES = [case_of("dry", a=1, b=2), case_of("wet", b=3, c=4), case_of("ice", b=5)]
+
+
+@pytest.mark.parametrize(
+    ("name", "loop", "case"),
+    [("a", 1, 0), ("b", 2, 0), ("b@wet", 3, 1), ("c", 4, 1), ("b@ice", 5, 2), ("c@wet", 4, 1)],
+)
+def test_a_loop_is_that_of_the_first_case_or_of_its_scenario(name, loop, case):
+    study = SimpleNamespace(name="toy")
+    assert resolve.pick_loop(study, CASES, name) == (loop, CASES[case])
+    made = Request("toy:" + name, "toy", loop=name.partition("@")[0],
+                   scenario=name.partition("@")[2])  # fmt: skip
+    vars(made).update(study=study, cases=CASES)
+    assert made.declared == made.chosen == (loop, CASES[case])
+    assert made.block == loop
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("b@we", "toy has no scenario 'we'; did you mean 'wet'"), ("d", "toy has no loop 'd'"),
+     ("a@wet", "toy has no loop 'a'; it has b, c"), ("c@ice", "toy has no loop 'c'; it has b")],
+)  # fmt: skip
+def test_a_loop_or_scenario_that_is_not_there_is_refused(name, said):
+    with pytest.raises(BadInput, match=said):
+        resolve.pick_loop(SimpleNamespace(name="toy"), CASES, name)
+
+
+@pytest.mark.parametrize(
+    ("name", "parts"),
+    [
+        ("subway_braking:sta@real.ctl.law", ("subway_braking", "sta", "real", "ctl.law")),
+        ("subway_braking:sta", ("subway_braking", "sta", "", "")),
+        ("subway_braking", ("subway_braking", "", "", "")), ("huang_2020.x", ("", "", "", "")),
+        ("y = 2*x where x [1]", ("", "", "", "")),
+    ],
+)  # fmt: skip
+def test_a_name_is_taken_apart(name, parts):
+    found = Request.read(name)
+    assert (found.home, found.loop, found.scenario, found.part) == parts
+    other = found.at("eppfc@dry")
+    assert (other.home, other.loop, other.scenario, other.part) == (parts[0], "eppfc", "dry", "")
+    assert found.at("eppfc", "ice").scenario == "ice"
+
+
+def test_settings_are_named_once():
+    study = SimpleNamespace(cases=lambda models, quick: [], name="toy", models={})
+    for settings in (["car.m=1t", "b:car.m=3t", "car.m=2t"], ["b:k=1", "a:k=1", "b:k=2"]):
+        with pytest.raises(BadInput, match=r"--set names (car\.m|k) twice; write it once"):
+            prepare(study, settings=settings)
