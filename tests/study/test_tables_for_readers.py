@@ -274,7 +274,10 @@ def test_a_cell_of_a_loop_has_its_parts_and_what_comes_in_and_goes_out():
     assert "<b>twice</b> · Doubles.</p>" in own
     rows = cells("<table" + own.rpartition("<table")[2])[1:]
     assert [r[:4] for r in rows] == [
-        ["a", "input", "m/s", ""], ["k", "param", "1", "2"], ["y", "output", "m/s", ""]]  # fmt: skip
+        ["a", "input", "m/s", ""],
+        ["k", "param", "1", "2"],
+        ["y", "output", "m/s", ""],
+    ]
 
 
 def test_a_limit_of_a_sweep_is_told_in_the_unit_of_its_picture():
