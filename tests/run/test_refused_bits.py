@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,10 +10,10 @@ import numpy as np
 import pytest
 import xarray
 
-from slipctl import BadInput, End, Output, Param, law
+from slipctl import BadInput, End, Known, Output, Param, Rail, Section, law
 from slipctl.run.logs.recorded_log import read_recording
 from slipctl.run.metrics import Run
-from slipctl.run.results import NotRun, Results
+from slipctl.run.results import Loops, NotRun, Results, known_column
 from slipctl.run.roles import Signals
 from slipctl.run.store import check_folder, check_names
 from slipctl.study import resolve
@@ -81,3 +82,51 @@ def test_a_file_that_is_nested_too_deeply_is_told(tmp_path):
     (tmp_path / "deep.py").write_text("raise RecursionError('deep')\n", encoding="utf-8")
     with pytest.raises(BadInput, match=r"deep\.py is nested too deeply to be read"):
         resolve.load_file(str(tmp_path / "deep.py"))
+
+
+def test_loops_are_made_when_they_are_asked_for_and_once():
+    """Those of two, of some names, and each changed, ask no other."""
+    made = []
+
+    def make(name):
+        made.append(name)
+        return f"loop {name}"
+
+    loops = Loops({n: partial(make, n) for n in "abc"})
+    assert (len(loops), list(loops), "b" in loops, "z" in loops) == (
+        3,
+        ["a", "b", "c"],
+        True,
+        False,
+    )
+    changed = loops.each(lambda loop: loop.upper())
+    both = loops | {"b": "mine", "d": "more"}
+    other = {"b": "mine", "d": "more"} | loops
+    few = loops.only("c", "a")
+    assert made == []
+    assert changed["b"] == "LOOP B"
+    assert (both["b"], both["d"], list(both)) == ("mine", "more", ["a", "b", "c", "d"])
+    assert (other["b"], other["d"], list(other)) == ("loop b", "more", ["b", "d", "a", "c"])
+    assert (few["c"], list(few)) == ("loop c", ["c", "a"])
+    assert loops["c"] == changed["c"].lower() == "loop c"
+    assert made == ["b", "c"]
+
+
+def test_what_a_study_knows_of_the_rail_is_that_under_each_axle():
+    """Sections from 0, 10 and 30 m; the second axle is 6 m behind. By time all change at once."""
+    log = {"time": np.arange(4.0)}
+    rail = Rail([Section(0), Section(10), Section(30)], by="position")
+    where = np.array([5.0, 12.0, 17.0, 33.0])
+    plain = known_column(Known("1", [1.0, 2.0, 3.0]), rail, where, log)
+    assert plain.tolist() == [1, 2, 2, 3]
+    axles = known_column(Known("1", [1.0, 2.0, 3.0], behind=(0.0, 6.0)), rail, where, log)
+    assert axles.tolist() == [[1, 1], [2, 1], [2, 2], [3, 2]]
+    timed = Rail([Section(0), Section(10), Section(30)])
+    axles = known_column(Known("1", [1.0, 2.0, 3.0], behind=(0.0, 6.0)), timed, where, log)
+    assert axles.tolist() == [[1, 1], [2, 2], [2, 2], [3, 3]]
+    assert known_column(Known("1", 4.0), rail, where, log).tolist() == [4] * 4
+    assert known_column(Known("1", [7.0, 8.0]), None, None, log).tolist() == [7] * 4
+    given = known_column(Known("1", lambda log: 2 * log["time"]), rail, where, log)
+    assert given.tolist() == [0, 2, 4, 6]
+    with pytest.raises(BadInput, match="Known"):
+        Known(3, 1.0)  # type: ignore[arg-type]

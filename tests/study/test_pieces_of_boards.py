@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,7 +16,8 @@ from slipctl.errors import Faults
 from slipctl.study import processor, resolve
 from slipctl.study.case_setup import in_words, prepare, read_swaps
 from slipctl.study.declaration import Context
-from slipctl.study.files.results_folder import csv_text
+from slipctl.study.files import declared_parts
+from slipctl.study.files.results_folder import csv_text, draft_log, publish
 from slipctl.study.files.trip_files import _loop
 from slipctl.study.report import sweep_page
 from slipctl.study.request import Request
@@ -217,3 +220,83 @@ def test_settings_are_named_once():
     for settings in (["car.m=1t", "b:car.m=3t", "car.m=2t"], ["b:k=1", "a:k=1", "b:k=2"]):
         with pytest.raises(BadInput, match=r"--set names (car\.m|k) twice; write it once"):
             prepare(study, settings=settings)
+
+
+def test_a_log_is_written_whole_under_other_names(tmp_path, monkeypatch):
+    """Text and exact numbers; where the second one breaks the first goes too."""
+    pytest.importorskip("netCDF4")
+    data = xarray.Dataset({"v": ("time", [2.5, 1 / 3], {"units": "m/s"})}, coords={"time": [0, 1]})
+    data = data.assign_attrs(none=[], seed=3)
+    found = draft_log(data, tmp_path, "sta")
+    assert [p.name for _, p in found] == ["sta.csv", "sta.nc"]
+    text, log = (part for part, _ in found)
+    assert text.read_text(encoding="utf-8") == csv_text(data)
+    again = xarray.load_dataset(log, engine="netcdf4")
+    assert again["v"].values.tolist() == [2.5, 1 / 3]
+    assert dict(again.attrs) == {"seed": 3}
+    assert sorted(tmp_path.iterdir()) == sorted([text, log])
+    publish(found)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["sta.csv", "sta.nc"]
+
+    def full(*given, **more):
+        raise RuntimeError("NetCDF: HDF error")
+
+    monkeypatch.setattr(xarray.Dataset, "to_netcdf", full)
+    with pytest.raises(OSError, match=r"HDF error \(is the disk full\?\)"):
+        draft_log(data, tmp_path, "pid")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["sta.csv", "sta.nc"]
+
+
+def test_a_file_without_a_study_is_none(tmp_path):
+    for text in ("x = 1\n", "study = 3\n"):
+        (tmp_path / "mine.py").write_text(text, encoding="utf-8")
+        with pytest.raises(BadInput, match=r"mine\.py has no study; it must end in: study = Study"):
+            resolve.load_study(str(tmp_path / "mine.py"))
+        assert resolve.has_study(str(tmp_path / "mine.py")) == text.startswith("study")
+    with pytest.raises(
+        BadInput, match=r"there is no file .*no\.toml; slipctl new metro .*no\.toml"
+    ):
+        resolve.load_study(str(tmp_path / "no.toml"))
+    with pytest.raises(
+        BadInput, match="there is no study 'subway_brakin'; did you mean 'subway_br"
+    ):
+        resolve.load_study("subway_brakin")
+
+
+@dataclass(frozen=True)
+class Inner:
+    """A part of it.
+
+    More of it.
+    """
+
+    size: float = field(default=2.0, metadata={"unit": "m", "doc": "its size", "lo": 0.0})
+
+
+@dataclass(frozen=True)
+class Outer:
+    """The whole."""
+
+    mass: float = field(metadata={"unit": "t", "doc": "its mass"})
+    kind: str = field(default="one", metadata={"doc": "of which kind"})
+    inner: Inner = field(default_factory=Inner, metadata={"doc": "a part"})
+    gains: Mapping[str, float] = field(default_factory=dict, metadata={"rest": True})
+
+
+def test_the_schema_of_a_part_has_its_keys_and_those_of_the_parts_in_it():
+    """What has no default is needed; where there is a rest further names may stand."""
+    found = declared_parts.schema([Outer], "a file")
+    assert (found["title"], found["anyOf"]) == ("a file", [{"$ref": "#/$defs/Outer"}])
+    outer, inner = (found["$defs"][n] for n in ("Outer", "Inner"))
+    assert list(found["$defs"]) == ["Inner", "Outer"]
+    assert list(outer["properties"]) == ["mass", "kind", "inner"]
+    assert outer["required"] == ["mass"]
+    assert outer["additionalProperties"] == {"type": ["string", "number"]}
+    assert outer["description"] == "The whole."
+    assert (inner["required"], inner["additionalProperties"]) == ([], False)
+    assert inner["description"] == "A part of it."
+    keys = declared_parts.keys_of(Outer)
+    assert [(k.name, k.meaning, k.unit) for k in keys[:2]] == [
+        ("mass", "its mass", "t"), ("kind", "of which kind", "")]  # fmt: skip
+    (size,) = declared_parts.keys_of(Inner)
+    assert (size.name, size.meaning, size.unit) == ("size", "its size", "m")
