@@ -11,7 +11,8 @@ import pytest
 import xarray
 from test_page_of_a_sweep import swept
 
-from slipctl import BadInput
+from slipctl import BadInput, Input, Output, Scenario, State, connect, every, simulate, step
+from slipctl.ccode.module.header import bit
 from slipctl.errors import Faults
 from slipctl.study import processor, resolve
 from slipctl.study.case_setup import in_words, prepare, read_swaps
@@ -300,3 +301,22 @@ def test_the_schema_of_a_part_has_its_keys_and_those_of_the_parts_in_it():
         ("mass", "its mass", "t"), ("kind", "of which kind", "")]  # fmt: skip
     (size,) = declared_parts.keys_of(Inner)
     assert (size.name, size.meaning, size.unit) == ("size", "its size", "m")
+
+
+def test_the_status_of_a_part_is_that_of_the_ticks_in_which_it_runs():
+    """Every second tick from the second on: what leaves its range there is limited, once held too.
+
+    The ticks between have the output from before.
+    """
+
+    @step(y=Output("1", lo=-1, hi=1))
+    def ctl(n=State("1", 0.0), u=Input("1", lo=-5, hi=5)):
+        return dict(n=n + 1), dict(y=u)
+
+    loop = connect("loop", {"ctl.u": "u", "out": "ctl.y"}, ctl=every(ctl, 2, 1))
+    loop = loop._copy(loop.signals, period=0.1)
+    given = [0.5, 0.5, 2.0, 2.0, 0.5, -3.0, 0.1, 0.1]
+    python = simulate(loop, Scenario("s", 0.8, inputs={"u": np.array(given)}),
+                      log=[*loop.inputs, *loop.outputs, *loop.states], compile=False)  # fmt: skip
+    limited = bit("LIMITED")
+    assert processor._statuses(loop, "ctl", python).tolist() == [0, limited, limited, 0]
