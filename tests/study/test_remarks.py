@@ -73,6 +73,8 @@ def test_a_line_says_that_a_vehicle_rolls_back():
     ("slip", "held", "said"),
     [
         (0.5, True, "the controller held the slip all the same"),
+        (np.where(T < 6.2, 0.6, 0.64), True, "the controller held the slip all the same"),
+        (np.where(T < 6.2, 0.6, 0.66), False, "the slip came to 0.66 m/s then, no wheel locked"),
         (np.where(T > 8, 3.0, 0.5), False, "the slip came to 3 m/s then, no wheel locked"),
         (np.where(T > 8, 20 - 0.5 * T, 0.5), False, "wheels locked for"),
         (np.where(T > 8, 0.952 * (20 - 0.5 * T), 0.5), False, "wheels locked for"),
