@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from slipctl import Input, Output, State, connect, from_text, step
+from slipctl.block.reach import with_reach
 from slipctl.models.wheel_rail.exponential_tail import exponential_tail
 from slipctl.run.warnings import wheels
 
@@ -107,3 +108,27 @@ def test_the_slip_of_a_law_is_the_one_of_its_name():
     inner = connect("inner", {}, w=train, adh=ratio)
     found = list(wheels.rail_laws(connect("loop", {}, a=inner)))
     assert [(p, n) for p, _, n in found] == [("a.adh", "a.w.ratio")]
+
+
+@pytest.mark.parametrize(
+    ("speed", "slip", "lines"),
+    [(0.5, 0.69, 0), (0.5, 0.71, 1), (1.05, 0.73, 0), (1.05, 0.74, 1), (20.0, 13.9, 0),
+     (20.0, 14.1, 1)],
+)  # fmt: skip
+def test_a_law_of_the_ratio_is_judged_by_the_slip_in_the_speed(speed, slip, lines):
+    """It is meant up to 0.7 of the speed; below 1 m/s of that speed."""
+
+    @step(period=0.5, v_s=Output("m/s", "slip", positive="braking", per="speed"),
+          v=Output("m/s", "speed"))  # fmt: skip
+    def wheel(n=State("1", 0.0), mu=Input("1", "adhesion", positive="braking")):
+        """Slips."""
+        return dict(n=n), dict(v_s=n + 0 * mu, v=n)
+
+    made = from_text("mu = k*v_s/v_least", inputs={"v_s": "m/s"},
+                     parameters={"k": "0.1", "v_least": "1 m/s"})  # fmt: skip
+    adh = with_reach(made.with_conditions(dry={}), {"meant_to": "0.7 m/s"})
+    part = connect("part", {"adh.v_s": "axle.v_s", "axle.mu": "adh.mu"}, axle=wheel, adh=adh)
+    log = {"time": TIME, "a.axle.v_s": np.full(4, slip), "a.v": np.full(4, speed)}
+    found = list(wheels._slides(connect("loop", {}, a=part), log))
+    assert len(found) == lines
+    assert all("slides at" in line and "meant up to 0.7" in line for line in found)
