@@ -190,7 +190,7 @@ def _unit_error(expression: str, unit: str, given: tuple[tuple[str, str], ...]) 
     with unit_algebra.checking_units():
         value = ca.SX(evaluate(expression, {k: ca.SX.sym(k) for k, _ in given}, expression))
         found = unit_walk.check({"share": value}, dict(given), {"share": unit}, {})
-    return found[0].partition(": ")[2] or found[0] if found else ""
+    return found[0].partition(": ")[2] if found else ""
 
 
 def _declared(

@@ -191,6 +191,16 @@ v, r, R, mu, w = (ca.SX.sym(n) for n in LETTERS)
                   " Param or by one('...')"),
         (v - 1.5, "'1.5' [1] cannot be subtracted from 'v' [m/s]; give the number its unit, as a"
                   " Param or by one('...')"),
+        (ca.sign(v) - v, "'v' [m/s] cannot be subtracted from 'sign(v)' [1]"),
+        ((v < 2 * v) - v, "'v' [m/s] cannot be subtracted from 'v < 2*v' [1]"),
+        (ca.exp(mu) - v, "'v' [m/s] cannot be subtracted from 'exp(mu)' [1]"),
+        (ca.copysign(v, r) - r, "'r' [m] cannot be subtracted from 'copysign(v, r)' [m/s]"),
+        (v**2 - v, "'v' [m/s] cannot be subtracted from 'v^2' [m^2/s^2]"),
+        (ca.sqrt(v) - v, "'v' [m/s] cannot be subtracted from 'sqrt(v)' [m^0.5/s^0.5]"),
+        (1 / v - v, "'v' [m/s] cannot be subtracted from '1/v' [s/m]"),
+        (v / r - v, "'v' [m/s] cannot be subtracted from 'v/r' [1/s]"),
+        (r * R - v, "'v' [m/s] cannot be subtracted from 'r*R' [m^2]"),
+        (ca.fabs(v) - r, "'r' [m] cannot be subtracted from 'abs(v)' [m/s]"),
         (ca.atan2(v, r), "'v' [m/s] and 'r' [m] span no angle"),
     ],
 )  # fmt: skip

@@ -142,6 +142,10 @@ def test_a_letter_stands_for_its_part_and_is_spelled_out_alone():
     g, (log, whole) = built(("log", "x"), LOG)
     g.letters[log] = "L"
     assert Text(g).root(whole) == "0.434294*L"
+    g, (inner, outer) = built(("sq", "x"), ("sq", ("sq", "x")))
+    assert Text(g).root(outer) == "x^4"
+    g.letters[inner] = "E"
+    assert Text(g).root(outer) == "E^2"
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,10 @@ SAID = [
                                          " unit: k [unit] = -q*2"]),
     ("y = v*k where v [m/s], k = (3)", ["k: '(3)' is no number with a unit, such as '8.2 kg'"]),
     ("y = v*k where v [m/s], k = .5 q", ["k: unit 'q' cannot be read: 'q' is no known unit"]),
+    ("y = v*k where v [m/s], k [m] = q q",
+     ["k: 'q q': column 3: write * for a product, at 'q'"]),
+    ("y = v*k where v [m/s], k [m] = 3 apples",
+     ["k: '3 apples': column 3: write * for a product, at 'apples'"]),
     ("y = v*t where v [km/h], t [s]", ["y: its unit is [0.277778 m]; say it in SI, y [unit]"]),
     ("y = 2; " + 50 * "b" + " + 3", [f"equations: column 7: '{40 * 'b'}' is no equation; write name"
                                      " = expression, x' = ... or x+ = ..."]),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from slipctl import Input, Output, State, connect, from_text, step
+from slipctl.block.reach import with_reach
 from slipctl.models.wheel_rail.exponential_tail import exponential_tail
 from slipctl.run.warnings import wheels
 
@@ -82,3 +83,52 @@ def test_a_peak_is_looked_for_up_to_a_locked_wheel(unit, farthest):
     assert condition == "high"
     assert at == pytest.approx(0.95 * farthest, rel=0.05)
     assert height == pytest.approx(0.5 * 0.95 * farthest / np.e, rel=2e-3)
+
+
+@step(period=0.5, a_s=Output("m/s", "another slip", positive="braking", per="speed"),
+      v_s=Output("m/s", "slip", positive="braking", per="speed"), v=Output("m/s", "speed"),
+      ratio=Output("1", "ratio", positive="braking", per="ratio"))  # fmt: skip
+def train(n=State("1", 0.0), mu=Input("1", "adhesion", positive="braking")):
+    """Has two slips and a speed."""
+    return dict(n=n), dict(a_s=n, v_s=n + 0 * mu, v=n, ratio=n)
+
+
+def test_the_slip_of_a_law_is_the_one_of_its_name():
+    """Whatever else slips beside it; what is watched is the slip, the adhesion and the speed."""
+    wires = {"adh.v_s": "w.v_s", "w.mu": "adh.mu"}
+    part = connect("part", wires, w=train, adh=exponential_tail)
+    loop = connect("loop", {}, front=part, plain=train)
+    ((path, law, name),) = wheels.rail_laws(loop)
+    assert (path, law.name, name) == ("front.adh", "exponential_tail", "front.w.v_s")
+    assert wheels.watched_wheels(loop) == {"front.w.v_s", "front.adh.mu", "front.w.v"}
+    bare = from_text("mu = 0.1*lam", inputs={"lam": "1"})
+    assert list(wheels.rail_laws(connect("loop", {}, w=train, adh=bare))) == []  # on no rail
+    ratio = bare.with_conditions(dry={})
+    assert [n for *_, n in wheels.rail_laws(connect("loop", {}, w=train, adh=ratio))] == []
+    inner = connect("inner", {}, w=train, adh=ratio)
+    found = list(wheels.rail_laws(connect("loop", {}, a=inner)))
+    assert [(p, n) for p, _, n in found] == [("a.adh", "a.w.ratio")]
+
+
+@pytest.mark.parametrize(
+    ("speed", "slip", "lines"),
+    [(0.5, 0.69, 0), (0.5, 0.71, 1), (1.05, 0.73, 0), (1.05, 0.74, 1), (20.0, 13.9, 0),
+     (20.0, 14.1, 1)],
+)  # fmt: skip
+def test_a_law_of_the_ratio_is_judged_by_the_slip_in_the_speed(speed, slip, lines):
+    """It is meant up to 0.7 of the speed; below 1 m/s of that speed."""
+
+    @step(period=0.5, v_s=Output("m/s", "slip", positive="braking", per="speed"),
+          v=Output("m/s", "speed"))  # fmt: skip
+    def wheel(n=State("1", 0.0), mu=Input("1", "adhesion", positive="braking")):
+        """Slips."""
+        return dict(n=n), dict(v_s=n + 0 * mu, v=n)
+
+    made = from_text("mu = k*v_s/v_least", inputs={"v_s": "m/s"},
+                     parameters={"k": "0.1", "v_least": "1 m/s"})  # fmt: skip
+    adh = with_reach(made.with_conditions(dry={}), {"meant_to": "0.7 m/s"})
+    part = connect("part", {"adh.v_s": "axle.v_s", "axle.mu": "adh.mu"}, axle=wheel, adh=adh)
+    log = {"time": TIME, "a.axle.v_s": np.full(4, slip), "a.v": np.full(4, speed)}
+    found = list(wheels._slides(connect("loop", {}, a=part), log))
+    assert len(found) == lines
+    assert all("slides at" in line and "meant up to 0.7" in line for line in found)

@@ -12,8 +12,11 @@ import pytest
 
 from slipctl import BadInput, Input, Output, Param, Rail, Scenario, Section, State, connect, step
 from slipctl.run import numbers, preparation
+from slipctl.run.logs import log_signals
+from slipctl.run.logs.recorded_log import read_recording
 from slipctl.run.measures.measured_run import rail_names
 from slipctl.run.scenario_inputs import stream
+from slipctl.run.sweep import ensemble
 from slipctl.run.sweep.sweep_plan import plan_of
 from slipctl.run.warnings import doubts
 
@@ -136,3 +139,38 @@ def test_noise_below_that_of_the_steps_is_told(sigma, lines):
 def test_a_scenario_has_its_noise_and_first_seed():
     found = Scenario("s", 2.0)
     assert (found.noise, found.seed, found.rail, found.end) == (1.0, 1, None, None)
+
+
+def test_places_of_axles_are_watched_and_no_other_state():
+    loop = connect("loop", {}, plant=car, x=sensor)
+    assert doubts.doubt_signals(loop) & {"plant.x", "plant.v", "plant.a"} == {"plant.x"}
+
+
+@pytest.mark.parametrize(
+    ("values", "by", "found"),
+    [
+        (4.0, 0.5, 2.0),
+        (3, 1.5, 4.5),
+        ([1.0, 2.0, 4.0], 0.25, [0.25, 0.5, 1.0]),
+        ((2, 3), 2, [4, 6]),
+    ],
+)
+def test_what_is_known_is_scaled_section_by_section(values, by, found):
+    assert ensemble._times(values, by) == found
+
+
+def test_a_column_of_another_dimension_is_converted_by_the_radius_of_the_block(tmp_path):
+    """Named as it is in the block."""
+
+    @step(period=0.1, y=Output("m/s"))
+    def wheel(omega=Input("rad/s"), r=Param("m", 0.5)):
+        """Rolls."""
+        return {}, dict(y=omega * r)
+
+    (tmp_path / "log.csv").write_text("t [s];w [m/s]\n0;1\n0.1;2\n", encoding="utf-8")
+    log = read_recording(tmp_path / "log.csv")
+    loop = connect("loop", {}, front=wheel)
+    for block, radius in ((wheel, "r"), (loop, r"front\.r")):
+        name = block.find("omega", "input")
+        with pytest.raises(BadInput, match=rf"such as 'w\[m/s\] / {radius}'"):
+            log_signals.source_of(block, log, block.inputs[name], "w")

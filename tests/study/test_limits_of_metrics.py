@@ -65,6 +65,17 @@ def test_a_metric_that_one_loop_has_not_is_told_with_what_it_lacks(name):
     assert line.startswith(f"{name} of b: not shown, there is no ")
 
 
+def test_what_a_metric_lacks_is_told_in_words_and_loops_that_lack_the_same_together():
+    found = results({}, a={"adhesion_use": Metric(1.0, "1")}, b={}, c={})
+    found.study.signals = Signals()
+    assert absent(found, "base") == [
+        "adhesion_use of b, c: not shown, there is no adhesion and no best adhesion"
+    ]
+    found.study.signals = Signals(adhesion="v")
+    assert absent(found, "base") == [
+        "adhesion_use of b, c: not shown, there is no best adhesion"]  # fmt: skip
+
+
 def test_without_limits_nothing_is_marked():
     found = results({}, a={"lock_time": Metric(2.5, "s")})
     assert limits_broken(found, "base") == []

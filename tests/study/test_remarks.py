@@ -13,7 +13,13 @@ import xarray
 from slipctl.run.metrics import Run, measure
 from slipctl.run.roles import Signals
 from slipctl.study import resolve
-from slipctl.study.report.remarks import answer_line, estimator_remarks, warnings_of_runs
+from slipctl.study.report.remarks import (
+    answer_html,
+    answer_line,
+    estimator_remarks,
+    remarks_html,
+    warnings_of_runs,
+)
 
 T = np.arange(0, 20, 0.01)
 SIGNALS = Signals(speed="v", slip="s", reference="r")
@@ -67,6 +73,8 @@ def test_a_line_says_that_a_vehicle_rolls_back():
     ("slip", "held", "said"),
     [
         (0.5, True, "the controller held the slip all the same"),
+        (np.where(T < 6.2, 0.6, 0.64), True, "the controller held the slip all the same"),
+        (np.where(T < 6.2, 0.6, 0.66), False, "the slip came to 0.66 m/s then, no wheel locked"),
         (np.where(T > 8, 3.0, 0.5), False, "the slip came to 3 m/s then, no wheel locked"),
         (np.where(T > 8, 20 - 0.5 * T, 0.5), False, "wheels locked for"),
         (np.where(T > 8, 0.952 * (20 - 0.5 * T), 0.5), False, "wheels locked for"),
@@ -110,3 +118,28 @@ def test_the_answer_of_a_study_is_that_of_its_page(name):
 def test_the_answer_of_a_study_has_three_sentences_at_most(name):
     short = resolve.load_study(name).short
     assert 1 <= len(re.findall(r"[.?!](?: |$)", short)) <= 3
+
+
+def test_the_answer_of_a_page_is_its_own_words_or_a_line_for_each_loop():
+    """Of a study with claims these are the answer."""
+    v = np.maximum(20 - 2 * T, 0)
+    found = results(a=log(v, np.minimum(0.5, v)), b=log(v, np.minimum(0.25, v)))
+    found.study.short, found.study.claims = "It <stops>.", [1]
+    assert answer_html(found) == "<p><b>In short.</b> It &lt;stops&gt;.</p>"
+    found.study.short = ""
+    assert answer_html(found) == ""
+    found.study.claims = []
+    said = answer_html(found)
+    lines = list(answer_lines(found, "base").values())
+    assert said == "<ul>" + "".join(f"<li>{line}.</li>" for line in lines) + "</ul>"
+    found.metrics = {}
+    assert answer_html(found) == ""
+
+
+def test_what_is_to_be_doubted_stands_with_all_numbers():
+    found = results(good=log(20 - 0.5 * T, 0.5), off=log(20 - 0.5 * T, 0.5, (6.2, 20.0)))
+    (remark,) = estimator_remarks(found)
+    assert remarks_html(found) == (
+        f'<p>base/off: {remark.text}.</p><p class="soft">theta is off by 3.2.</p>'
+    )
+    assert remarks_html(results(good=log(20 - 0.5 * T, 0.5))) == ""

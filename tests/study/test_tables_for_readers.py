@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from test_page_of_a_sweep import cells, swept
 
-from slipctl import Scenario, from_text, law
+from slipctl import Scenario, connect, from_text, law
 from slipctl.block.signals import Input, Output, Param
 from slipctl.run.metrics import METRICS, Metric
 from slipctl.study import notebook
@@ -252,3 +252,35 @@ def test_a_cell_of_a_sweep_has_the_least_the_middle_and_the_largest():
     assert "2 of 3 runs, 1 failed; 1 of 2 within" in shown
     sweep.kept = None
     assert "1 failed</p>" in notebook._sweep(sweep)
+
+
+def test_a_cell_of_a_loop_has_its_parts_and_what_comes_in_and_goes_out():
+    """Of each part the first line of what it is."""
+
+    @law(y=Output("m/s", "doubled speed"))
+    def twice(a=Input("m/s", "speed\n  of the car"), k=Param("1", 2.0, "gain")):
+        """Doubles.
+
+        And no more."""
+        return k * a
+
+    loop = connect("loop", {"second.a": "first.y", "out": "second.y"}, first=twice, second=twice)
+    parts, signals = (cells(t) for t in notebook.html(loop).split("</table>")[:2])
+    assert parts == [["part", "kind", "what it is"], ["first", "law", "Doubles."],
+                     ["second", "law", "Doubles."]]  # fmt: skip
+    assert [row[0] for row in signals[1:]] == ["first.a", "first.y", "second.y", "out"]
+    assert signals[1] == ["first.a", "input", "m/s", "", "speed of the car"]
+    own = notebook.html(twice)
+    assert "<b>twice</b> · Doubles.</p>" in own
+    rows = cells("<table" + own.rpartition("<table")[2])[1:]
+    assert [r[:4] for r in rows] == [
+        ["a", "input", "m/s", ""],
+        ["k", "param", "1", "2"],
+        ["y", "output", "m/s", ""],
+    ]
+
+
+def test_a_limit_of_a_sweep_is_told_in_the_unit_of_its_picture():
+    head, row = cells(sweep_page._limits({"a": swept([1.0, 2.0], {"ripple": 3000.0})}))
+    assert head[3] == "runs that miss ripple ≤ 3 kN m"
+    assert row[0:2] == ["a", "2 of 2"]

@@ -259,3 +259,17 @@ def test_a_date_stands_beside_a_clock_and_not_beside_another_date(tmp_path):
 )  # fmt: skip
 def test_a_column_of_times_or_dates_is_known_by_its_name(name, so):
     assert times.is_time_name(name) == so
+
+
+@pytest.mark.parametrize(("shift", "peak", "rows"), [
+    (0.0, 500.0, [20]), (0.06, 500.0, [20]), (0.1, 500.0, []), (0.5, 500.0, []),
+    (0.0, 1.15, []), (0.0, 1.3, [20]),
+])  # fmt: skip
+def test_a_number_stands_alone_between_two_that_are_near_each_other(shift, peak, rows):
+    """A hundred steps of 0.01 away from either, these not ten steps apart."""
+    x = 0.01 * np.arange(40)
+    x[21:] += shift
+    x[20] = peak
+    assert table.lone_values(x).tolist() == rows
+    assert table.lone_values(np.r_[x[:10], np.nan, x[10:]]).tolist() == [k + 1 for k in rows]
+    assert table.lone_values(x[12:31]).tolist() == []  # fewer than twenty rows
