@@ -75,15 +75,17 @@ TRAIN = dict(e1=0.3, e2=-0.2, a_ff=0.15, F_hi=2e5, F_lo=-3e5, m=4e5)
 @pytest.mark.parametrize(("form", "compensation"), [
     ("consistent", True), ("printed-40", True), ("consistent", False),
 ])  # fmt: skip
-@pytest.mark.parametrize("k_a", [0.05, 0.6])
-def test_the_higher_order_law_is_29_to_39(form, compensation, k_a) -> None:
+@pytest.mark.parametrize("k_a", [0.05, 0.2])
+@pytest.mark.parametrize(("e1", "e2"), [(0.3, -0.2), (-0.3, 0.1)])
+def test_the_higher_order_law_is_29_to_39(form, compensation, k_a, e1, e2) -> None:
     numbers = dict(k_1=0.9, k_3=0.25, k_4=0.12, alpha=0.03, beta=0.11, sigma=0.002, k_max=3.0)
+    numbers |= TRAIN | {"e1": e1, "e2": e2}
     made = control.higher_order(form=form, compensation=compensation)
-    rates, y = made(v_H=0.04, k_a=k_a, lam=0.02, **TRAIN, **numbers)
-    s = 0.9 * 0.3 - 0.2 - (0.02 if form == "consistent" else -0.02)
-    gain = max(k_a, 0.12)
-    phi1, phi2 = s**0.5 + s, 0.5 + 1.5 * s**0.5 + s
-    F = 4e5 * (0.9 * 0.2 + 0.15 - 0.25 * 0.02 - gain * phi1 + 0.04)
+    rates, y = made(v_H=0.04, k_a=k_a, lam=0.02, **numbers)
+    s = 0.9 * e1 + e2 - (0.02 if form == "consistent" else -0.02)
+    gain, size = max(k_a, 0.12), abs(s)
+    phi1, phi2 = sign(s) * (size**0.5 + size), sign(s) * (0.5 + 1.5 * size**0.5 + size)
+    F = 4e5 * (-0.9 * e2 + 0.15 - 0.25 * 0.02 - gain * phi1 + 0.04)
     assert (y["s"], y["k_1H"]) == (pytest.approx(s), gain)
     assert y["F_wanted"] == pytest.approx(F)
     assert y["F_contr"] == pytest.approx(min(2e5, max(-3e5, F)))
@@ -91,9 +93,9 @@ def test_the_higher_order_law_is_29_to_39(form, compensation, k_a) -> None:
     assert rates["k_a"] == pytest.approx(phi1 * phi2 * 2 * 0.03 / (1 + 4 * 0.11**2))
     left = -0.25 * 0.02 - (F - y["F_contr"]) / 4e5 if compensation else 0
     assert rates["lam"] == pytest.approx(left)
-    full, _ = made(v_H=0.04, k_a=3.5, lam=0.02, **TRAIN, **numbers)
+    full, _ = made(v_H=0.04, k_a=3.5, lam=0.02, **numbers)
     assert (full["k_a"] == 0) == (form == "consistent" and compensation)
-    near, _ = made(v_H=0.04, k_a=k_a, lam=0.02, **TRAIN, **numbers | {"sigma": 1.0})
+    near, _ = made(v_H=0.04, k_a=k_a, lam=0.02, **numbers | {"sigma": 1.0})
     wanted = -rates["k_a"] if k_a > 0.12 else 0  # within its band it falls, to k_4
     assert near["k_a"] == pytest.approx(wanted)
 
@@ -263,3 +265,22 @@ def test_adhesion_of_a_locked_wheel_has_a_floor_and_falls_with_the_speed(lam: fl
     found = hst_braking.adhesion(locked=True, speed=True)(v=30.0, v_n=45.0, k_v=0.01, **curve)
     assert found["mu"] == pytest.approx(-grip * math.exp(0.15))
     assert (grip > 0.4 * rise - 0.5 * lam) == (lam > 0.5)
+
+
+@pytest.mark.parametrize(("best", "lam", "F_a", "v"), [
+    (0.2, 0.11, -9e3, 30.0), (0.02, 0.11, -9e3, 30.0), (0.02, 0.11, -200.0, 30.0),
+    (0.1203, 0.11, -9e3, 30.0), (0.2, 0.2, -9e3, 30.0), (0.02, 0.11, -20.0, 0.2),
+])  # fmt: skip
+def test_a_reference_rises_and_falls_as_fast_as_the_wheel_follows(best, lam, F_a, v) -> None:
+    """Then it is smoothed; while the slip is far off it waits."""
+    nxt, y = hst_braking_reference.shaper(
+        limited=0.12, smooth=0.115, best=best, lam=lam, F_a=F_a, v=v, up=0.4, share=0.7,
+        tau_ref=0.02, near=0.03, v_off=1.0, J=65.0, r=0.44, T=2e-3,
+    )  # fmt: skip
+    down = min(0.4, 0.7 * 0.44**2 * abs(F_a) / (65 * max(v, 1.0)))
+    moved = 0.12 + max(-down * 2e-3, min(0.4 * 2e-3, best - 0.12))
+    limited = moved if abs(lam - 0.115) < 0.03 else 0.12
+    assert nxt["limited"] == pytest.approx(limited, rel=1e-12)
+    rate = (limited - 0.115) / 0.022
+    assert (y["lam_ref"], y["rate"]) == (0.115, pytest.approx(rate))
+    assert nxt["smooth"] == pytest.approx(0.115 + 2e-3 * rate)
