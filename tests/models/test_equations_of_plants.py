@@ -139,7 +139,8 @@ def test_arbitration_of_the_fast_train_keeps_what_the_rail_carries(v, wanted, de
 
 @pytest.mark.parametrize(("omega", "F_a", "rolled"), [
     (91.0, 100.0, 5.0), (80.0, 100.0, 5.0), (80.0, 100.0, 20.0), (91.0, -5e3, 7.0),
-    (95.0, -5e3, 7.0), (0.0, 100.0, 20.0), (400.0, 900.0, 3.0),
+    (95.0, -5e3, 7.0), (0.0, 100.0, 20.0), (400.0, 900.0, 3.0), (90.5, 100.0, 5.0),
+    (90.5, -5e3, 7.0), (88.0, 100.0, 19.0),
 ])  # fmt: skip
 def test_speed_is_fused_where_the_wheel_rolls_or_is_faster(omega, F_a, rolled) -> None:
     """Correction and prediction of a Kalman filter of speed and bias, in matrices."""
