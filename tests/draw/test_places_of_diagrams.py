@@ -56,6 +56,11 @@ def test_boxes_that_would_overlap_stand_together_about_their_middle_wish() -> No
     first = (100.0 + 110.0 - 88.0) / 2
     last = (500.0 + 530.0 - 68.0) / 2
     assert found == pytest.approx([first, first + 88, last, last + 68])
+    stack = [place("a", 100.0), place("b", 110.0, 16.0, box=False), place("c", 120.0)]
+    first = (100.0 + (110.0 - 74) + (120.0 - 104)) / 3  # an end stands nearer to what is next
+    assert settled(stack, [[]] * 3, [[]] * 3, True) == pytest.approx(
+        [first, first + 74, first + 104]
+    )
     stack = [place("a", 0.0), place("b", 10.0), place("c", 20.0)]
     found = settled(stack, [[]] * 3, [[]] * 3, True)
     first = (0.0 + (10.0 - 88) + (20.0 - 176)) / 3
@@ -123,3 +128,21 @@ def test_wires_of_boxes_side_by_side_do_not_cross() -> None:
     outs = d.places["a"].outs
     assert outs == [("a", "z"), ("a", "y"), ("a", "x")]
     assert [p.node.key for p in d.stacks[1] if p.node] == ["b", "e"]
+
+
+def test_a_wire_that_goes_back_first_goes_on_too() -> None:
+    """Whichever of its ends is told first; the sheet has all that each wire is drawn of."""
+    nodes = {
+        "a": Node("a", "a", ins=["u"], outs=["y"]), "b": Node("b", "b", ins=["p"], outs=["z"]),
+        "c": Node("c", "c", ins=["q"]),
+    }  # fmt: skip
+    for order in (0, 1):
+        ends = [("a", "u"), ("c", "q")]
+        nets = {("a", "y"): [("b", "p")], ("b", "z"): ends[::-1] if order else ends}
+        d = Drawing(Level("x", nodes, nets, dict.fromkeys(nets, "m")))
+        a, b, c = (d.places[n] for n in "abc")
+        assert d.links == [(a, ("a", "y"), b, ("b", "p")), (b, ("b", "z"), c, ("c", "q"))]
+        assert d.back == {("b", "z"): [("a", "u")]}
+        assert a.x > 30  # the wire comes up at its left
+        body = d.body()
+        assert all(line in body for net in nets for line in d._wire(net))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -30,14 +31,14 @@ CORNERS = tuple((F(s, 1000), F(a, 10)) for s, a in (
 """A convex polygon and its own mirror image; whether runs stay in it does not matter here."""
 
 
-def images(points: np.ndarray, sign: float) -> np.ndarray:
+def images(points: np.ndarray, sign: float, D: float) -> np.ndarray:
     """Points (s, a) a tick later with d at both of its ends; u = -g1 s - g2 sign is held."""
     s, a = points.T
     T, lag = float(LAW.T), float(LAW.lag)
     left = np.exp(-T / lag)
     u = -36.0 * s - 12.0 * sign
     s, a = s + u * T + (a - u) * lag * (1 - left), u + (a - u) * left
-    return np.concatenate([np.stack([s + side * T * 5.0, a], 1) for side in (-1, 1)])
+    return np.concatenate([np.stack([s + side * T * D, a], 1) for side in (-1, 1)])
 
 
 def folded(points: np.ndarray) -> np.ndarray:
@@ -53,21 +54,25 @@ def folded(points: np.ndarray) -> np.ndarray:
     return np.concatenate([right, -left, cut, -cut])
 
 
-def test_a_tick_moves_the_polygon_to_all_that_follows_and_hardly_further() -> None:
+@pytest.mark.parametrize(("D", "wide", "high"), [
+    (5, F(1), F(1)), (0, F(1, 1000), F(1, 3)), (0, F(1, 100), F(1, 20)), (1, F(1, 1000), F(1, 20)),
+])  # fmt: skip
+def test_a_tick_moves_the_polygon_to_all_that_follows_and_hardly_further(D, wide, high) -> None:
     """In each of many directions as far as the equations go, to a few units of the lattice."""
-    ticker = Ticker(Absorbing(LAW, CORNERS))
+    law = replace(LAW, D=F(D))
+    ticker = Ticker(Absorbing(law, tuple((s * wide, a * high) for s, a in CORNERS)))
     unit = np.array([float(u) for u in ticker.unit])
-    assert ticker.unit == (F(50, 1000) / 2**BITS, F(7) / 2**BITS)
+    assert ticker.unit == (F(50, 1000) * wide / 2**BITS, F(7) * high / 2**BITS)
     angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
     ways = np.stack([np.cos(angle), np.sin(angle)])
-    for _ in range(3):
+    for _ in range(1 if wide < 1 else 3):
         before = np.array(ticker.points, float) * unit
         at_zero = before[before[:, 0] == 0]
         assert len(at_zero) == 2
         ticker.tick()
-        still = images(at_zero, 0.0)
+        still = images(at_zero, 0.0, D)
         wall = np.stack([np.zeros(len(still)), still[:, 1]], 1)
-        exact = np.concatenate([folded(images(before, 1.0)), still[still[:, 0] >= 0],
+        exact = np.concatenate([folded(images(before, 1.0, D)), still[still[:, 0] >= 0],
                                 -still[still[:, 0] <= 0], wall, -wall]) / unit  # fmt: skip
         found = np.array(ticker.points, float)
         assert (found[:, 0] >= 0).all()
