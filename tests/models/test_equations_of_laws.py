@@ -7,6 +7,8 @@ import math
 import pytest
 from scipy.optimize import brentq
 
+from slipctl import BadInput
+from slipctl.models.wang_2025 import hst_traction
 from slipctl.models.wang_2025 import hst_traction_adhesion as adhesion
 from slipctl.models.wang_2025 import hst_traction_control as control
 from slipctl.models.zhang_2021 import hst_braking, hst_braking_laws, hst_braking_reference
@@ -69,7 +71,7 @@ def test_the_implicit_observer_solves_for_the_error_after_the_tick(e_0: float) -
 
 # ---- laws of Wang 2025 ---------------------------------------------------------------------------
 
-TRAIN = dict(e1=0.3, e2=-0.2, a_ff=0.15, F_hi=2e5, F_lo=-3e5, m=4e5)
+TRAIN = dict(e1=0.3, e2=-0.2, a_ff=0.15, F_hi=1e5, F_lo=-3e5, m=4e5)
 
 
 @pytest.mark.parametrize(("form", "compensation"), [
@@ -88,7 +90,7 @@ def test_the_higher_order_law_is_29_to_39(form, compensation, k_a, e1, e2) -> No
     F = 4e5 * (-0.9 * e2 + 0.15 - 0.25 * 0.02 - gain * phi1 + 0.04)
     assert (y["s"], y["k_1H"]) == (pytest.approx(s), gain)
     assert y["F_wanted"] == pytest.approx(F)
-    assert y["F_contr"] == pytest.approx(min(2e5, max(-3e5, F)))
+    assert y["F_contr"] == pytest.approx(min(1e5, max(-3e5, F)))
     assert rates["v_H"] == pytest.approx(-2 * 0.11 * gain * phi2)
     assert rates["k_a"] == pytest.approx(phi1 * phi2 * 2 * 0.03 / (1 + 4 * 0.11**2))
     left = -0.25 * 0.02 - (F - y["F_contr"]) / 4e5 if compensation else 0
@@ -102,17 +104,20 @@ def test_the_higher_order_law_is_29_to_39(form, compensation, k_a, e1, e2) -> No
 
 def test_the_sliding_modes_switch_or_saturate_and_one_learns() -> None:
     s = 0.9 * 0.3 - 0.2
-    y = control.sliding_mode(k_1=0.9, k_smc=0.06, **TRAIN)
-    F = 4e5 * (0.18 + 0.15 - 0.06)
-    assert (y["F_wanted"], y["F_contr"]) == (pytest.approx(F), pytest.approx(F))
-    assert y["s"] == pytest.approx(s)
+    for e2, side in ((-0.2, 1), (-0.4, -1)):
+        y = control.sliding_mode(k_1=0.9, k_smc=0.06, **TRAIN | {"e2": e2})
+        F = 4e5 * (-0.9 * e2 + 0.15 - side * 0.06)
+        assert (y["F_wanted"], y["F_contr"]) == (pytest.approx(F), 1e5)
+        assert y["s"] == pytest.approx(0.27 + e2)
+    y = control.sliding_mode(k_1=0.9, k_smc=0.06, **TRAIN | {"a_ff": -2.0})
+    assert y["F_contr"] == -3e5
     for sigma, share in ((10.0, s / 10), (0.01, 1.0)):
         nxt, y = control.adaptive_sliding_mode(
             d_hat=0.05, k_1=0.9, sigma=sigma, k_2=1.5, d_1=8.0, T=0.004, **TRAIN
         )
         F = 4e5 * (0.18 + 0.15 - 1.5 * share - 0.05)
         assert y["F_wanted"] == pytest.approx(F)
-        assert y["F_contr"] == pytest.approx(min(2e5, max(-3e5, F)))
+        assert y["F_contr"] == pytest.approx(min(1e5, max(-3e5, F)))
         assert nxt["d_hat"] == pytest.approx(0.05 + 0.004 * 8 * s)
     y = control.robust(k_v=1.7, k_x=0.8, **TRAIN)
     assert y["F_wanted"] == pytest.approx(4e5 * (0.15 + 1.7 * 0.2 - 0.8 * 0.3))
@@ -137,17 +142,19 @@ def test_feedback_linearisation_gives_the_error_its_rate(motion: bool) -> None:
 
 
 @pytest.mark.parametrize("e", [0.004, -0.003])
-def test_the_funnel_law_gives_its_transformed_error_its_rate(e: float) -> None:
-    """zeta = e/eta has l (e' - e eta'/eta) = -K1 eps, with 1/l from (12); eta' = -k (eta - inf)."""
+@pytest.mark.parametrize("law", ["funnel", "barrier"])
+def test_the_funnel_law_gives_its_transformed_error_its_rate(e: float, law: str) -> None:
+    """zeta = e/eta has l (e' - e eta'/eta) = -K1 eps, with 1/l from (12), or as at zeta = 0."""
     numbers = dict(eta_0=0.1, eta_inf=0.004, k=25.0, delta_l=1.1, delta_u=1.3, K1=90.0, trip=0.95,
                    reserve=0.6, v_min=0.5, v_off=1.0, T=1e-3)  # fmt: skip
     lam, v, F_a, eta = 0.08 + e, 40.0, -9e3, 0.006
-    nxt, y = hst_braking_laws.prescribed()(
+    nxt, y = hst_braking_laws.prescribed(law=law)(
         eta_h=eta, count=2.0, lam=lam, lam_ref=0.08, rate=0.2, v=v, F_a=F_a, **numbers, **WHEEL
     )
     zeta = e / eta
     eps = math.log((zeta + 1.1) / (1.3 - zeta)) / 2
     ell = (1 / (zeta + 1.1) + 1 / (1.3 - zeta)) / (2 * eta)
+    ell = ell if law == "funnel" else 1 / (eta * 1.2)
     deta = -25 * (eta - 0.004)
     domega = (y["T_wanted"] - 0.44 * F_a) / 65
     de = (1 - lam) * 3 * F_a / 14e3 / v - 0.44 * domega / v - 0.2
@@ -156,6 +163,23 @@ def test_the_funnel_law_gives_its_transformed_error_its_rate(e: float) -> None:
     assert (y["upper"], y["lower"]) == (pytest.approx(1.3 * eta), pytest.approx(-1.1 * eta))
     assert y["share"] == pytest.approx(max(e / (1.3 * eta), -e / (1.1 * eta)))
     assert y["restarts"] == nxt["count"] == 2
+
+
+def test_the_law_as_printed_is_15_and_17() -> None:
+    """With the minus of (15) and g' = 1/g of (17); its funnel never restarts."""
+    e, eta, v, F_a = 0.02, 0.006, 40.0, -9e3
+    nxt, y = hst_braking_laws.prescribed("printed-17")(
+        eta_h=eta, count=2.0, lam=0.1, lam_ref=0.08, rate=0.2, v=v, F_a=F_a, eta_0=0.1,
+        eta_inf=0.004, k=25.0, delta_l=1.1, delta_u=5.3, K1=90.0, v_min=0.5, T=1e-3, **WHEEL,
+    )  # fmt: skip
+    zeta = e / eta
+    ell = (1 / (zeta + 1.1) - 1 / (5.3 - zeta)) / (2 * eta)
+    deta, b = -25 * 0.002, 0.44 / (65 * v)
+    wanted = 90 * math.log((zeta + 1.1) / (5.3 - zeta)) / 2 + 0.44 * b * ell * F_a
+    wanted += -ell * deta / eta * e - ell * 0.2
+    assert y["T_wanted"] == pytest.approx(wanted / (b * ell))
+    assert nxt["eta_h"] == pytest.approx(0.004 + 0.002 * math.exp(-0.025))
+    assert nxt["count"] == 2
 
 
 @pytest.mark.parametrize(("e", "widened"), [
@@ -284,3 +308,12 @@ def test_a_reference_rises_and_falls_as_fast_as_the_wheel_follows(best, lam, F_a
     rate = (limited - 0.115) / 0.022
     assert (y["lam_ref"], y["rate"]) == (0.115, pytest.approx(rate))
     assert nxt["smooth"] == pytest.approx(0.115 + 2e-3 * rate)
+
+
+@pytest.mark.parametrize("make", [
+    hst_braking_reference.slope_identification, hst_braking_reference.gradient_search,
+    hst_braking_laws.prescribed, hst_traction.motor,
+])  # fmt: skip
+def test_a_form_that_there_is_not_is_refused(make) -> None:
+    with pytest.raises(BadInput, match="has no form 'own'"):
+        make("own")
