@@ -143,6 +143,8 @@ def test_a_wire_that_goes_back_first_goes_on_too() -> None:
         a, b, c = (d.places[n] for n in "abc")
         assert d.links == [(a, ("a", "y"), b, ("b", "p")), (b, ("b", "z"), c, ("c", "q"))]
         assert d.back == {("b", "z"): [("a", "u")]}
-        assert a.x > 30  # the wire comes up at its left
+        assert a.x == 18 + 30  # the wire comes up at its left, in the middle of its track
+        up = f"M23.5 {a.port_y(('a', 'u'), False):.1f}L48.0"
+        assert up in " ".join(d._wire(("b", "z")))
         body = d.body()
         assert all(line in body for net in nets for line in d._wire(net))
