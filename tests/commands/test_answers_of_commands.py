@@ -154,7 +154,7 @@ def finding(verdict: str, holds: bool, **margins: float | None) -> Any:
 
 
 def test_what_is_needed_is_the_limit_that_fails_or_the_nearest_one(monkeypatch) -> None:
-    """Of criteria that refute before those that prove; of what is certified the nearest by ratio."""
+    """Of criteria that refute before those that prove; of what is proved the nearest by ratio."""
     kinds = {n: SimpleNamespace(refutes=n == "hard", proves=n != "other")
              for n in ("hard", "soft", "other")}  # fmt: skip
     monkeypatch.setattr(certify.catalogue, "SYSTEMS", {"toy": SimpleNamespace(criteria=kinds)})
