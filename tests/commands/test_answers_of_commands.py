@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -146,3 +147,38 @@ def test_a_loop_of_a_study_is_certified_into_a_file_or_told_as_data(monkeypatch)
     plain = json.loads(certify.certify_study("toy:a", True, "CMD"))
     assert plain["gains"]["sta"]["condition"] is None
     assert "set" not in plain
+
+
+def finding(verdict: str, holds: bool, **margins: float | None) -> Any:
+    return SimpleNamespace(verdict=verdict, holds=holds, margins=margins)
+
+
+def test_what_is_needed_is_the_limit_that_fails_or_the_nearest_one(monkeypatch) -> None:
+    """Of criteria that refute before those that prove; of what is proved the nearest by ratio."""
+    kinds = {n: SimpleNamespace(refutes=n == "hard", proves=n != "other")
+             for n in ("hard", "soft", "other")}  # fmt: skip
+    monkeypatch.setattr(certify.catalogue, "SYSTEMS", {"toy": SimpleNamespace(criteria=kinds)})
+    monkeypatch.setattr(certify.catalogue, "OF_LOOPS", {})
+    gains = {"k": 2.0, "L": 3.0, "T": 0.0}
+
+    def asked(verdict: str, **criteria: Any) -> str:
+        return certify.needs(SimpleNamespace(  # type: ignore[arg-type]
+            system="toy", verdict=verdict, criteria=criteria, gains=gains))  # fmt: skip
+
+    never = {"largest_k": math.inf, "smallest_L": None}
+    far = finding("CERTIFIED", True, largest_k=5.0, smallest_L=1.0, largest_T=9.0)
+    near = finding("CERTIFIED", True, smallest_k=1.25, largest_L=4.5)
+    open_ = finding("UNDECIDED", False, largest_k=2.01)
+    assert asked("CERTIFIED", soft=far, other=near, hard=open_) == (
+        "nearest limit other: L <= 4.5 (is 3)")  # fmt: skip
+    assert asked("CERTIFIED", soft=far) == "nearest limit soft: k <= 5 (is 2)"
+    assert asked("CERTIFIED", soft=finding("CERTIFIED", True, **never)) == "no limit near"
+    fails = finding("UNDECIDED", False, smallest_k=4.0, largest_L=2.5)
+    assert (
+        asked("REFUTED", hard=fails, soft=open_) == "needs hard: k >= 4 (is 2) or L <= 2.5 (is 3)"
+    )
+    assert asked("UNDECIDED", soft=fails, other=open_, hard=near) == (
+        "needs soft: k >= 4 (is 2) or L <= 2.5 (is 3)")  # fmt: skip
+    assert asked("UNDECIDED", soft=finding("UNDECIDED", False, **never)) == (
+        "needs soft: no such number")  # fmt: skip
+    assert asked("UNDECIDED", other=open_) == "no limit of a gain decides it here"

@@ -70,7 +70,9 @@ def test_a_turn_is_a_half_turn_and_another_seen_from_the_other_side() -> None:
     assert turn(LAW, 4.0, True, 60) == (two[0], max(one[1], two[1]), one[0])
     back = turn(LAW.turned(), 4.0, True, 60)
     assert back[1] == half_turn(LAW.turned(), 4.0, True, 60)[1]  # the first is the faster one
-    assert turn(Saturated(0.5, 9.0, *[(0.9, 0.9)] * 2), 0.01, False, 30)[0] <= 0  # no way beyond 0
+    slow = Saturated(0.5, 2.0, (0.9, 0.9), (0.9, 0.9))
+    assert turn(slow, 1.0, False, 30) == half_turn(slow, 1.0, False, 30)  # no way beyond 0
+    assert turn(slow, 1.0, False, 30)[0] <= 0 < turn(slow, 1.0, False, 30)[1]
     assert half_turn(Saturated(1.0, 0.0, (1.0, 1e-6), (1.0, 1.0)), 1.0, True, 30) is None
 
 

@@ -96,7 +96,7 @@ def _allowed_quiet(n: Numbers) -> int | None:
 def _find_growth(n: Numbers) -> Entries | None:
     if n["forgetting"] >= 1:
         return with_checksum(n, {"windows": 0, "quiet": 0}) if n["P"] > n["limit"] else None
-    lam, rate = float(n["forgetting"]), -math.log(float(n["forgetting"]))
+    rate = -math.log(float(n["forgetting"]))
     allowed = _allowed_quiet(n)
     if allowed is None:
         more = (math.log(float(n["limit"])) - math.log(float(n["P"]))) / rate
@@ -106,7 +106,6 @@ def _find_growth(n: Numbers) -> Entries | None:
         S = int(n["samples"])
         for m in (1, 3, 10, 30, math.ceil(80 / (rate * S))):
             found.append((m, allowed - (S - 1)))
-        found = [f for f in found if f[1] >= 0 and lam < 1]
     for windows, still in found:
         run = with_checksum(n, {"windows": windows, "quiet": still})
         try:
