@@ -187,7 +187,7 @@ def fused_speed(
     Args:
         axles: how many.
         spread: deviation of bias and slope together in m/s^2, at the start.
-        wander: by how much that changes in a second, in m/s^2.
+        wander: deviation of what that changes by within a second, in m/s^2.
         noise: deviation of the accelerometer's noise in m/s^2.
         period: of the filter in s.
         speed: at the start in m/s.
@@ -199,7 +199,7 @@ def fused_speed(
     kalman = ekf(
         motion, "z", ["v", "b"], prior={"v": 0.04, "b": spread**2},
         noise={"z": sigma**2 * CORRELATED / period},
-        drift={"v": (noise**2 + 1e-6) * period, "b": wander**2 * period}, per="sample",
+        drift={"v": (noise**2 + 1e-6) * period, "b": wander**2}, per="sample",
         floor={"v": 1e-4, "b": 1e-8}, start={"v": speed, "b": 0.0}, method="euler", period=period,
     )  # fmt: skip
     wires = {
