@@ -146,6 +146,7 @@ def test_a_fused_speed_has_the_numbers_of_its_sensors_and_hears_who_is_controlle
         assert parts["speed"].period == 1e-3
         assert parts["speed"].inputs["omega"].shape == (3,)
         assert speed["filter.prior_b"] == [pytest.approx(0.11**2)]
+        assert speed["filter.drift_b"] == [pytest.approx(0.013**2)]
         assert speed["filter.drift_v"] == [pytest.approx((0.07**2 + 1e-6) * 1e-3)]
         assert parts["speed"].start()["filter.held_v"] == 25.0
 

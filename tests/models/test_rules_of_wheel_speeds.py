@@ -178,13 +178,13 @@ def test_the_bound_is_three_deviations_creep_and_noise():
 
 def test_the_filter_of_wheels_and_accelerometer_is_a_kalman_filter():
     """Two wheels that roll free speak as loud as one; by matrices of two numbers."""
-    spread, noise, T = 0.3, 0.4, 0.02
-    block = fused_speed.fused_speed(2, spread, 0.0, noise, T, 17.0)
+    spread, wander, noise, T = 0.3, 0.5, 0.4, 0.02  # wander is by second
+    block = fused_speed.fused_speed(2, spread, wander, noise, T, 17.0)
     p = block.param_values() | {"T": T, "r": 0.4}
     assert (p["filter.floor_v"], p["filter.floor_b"]) == (1e-4, 1e-8)
     free = {"axles.w_f": [17.02, 17.02], "axles.light": [1.0, 1.0]}
     x, p = block.pack("state", block.start() | free), block.pack("param", p)
-    R, Q = 0.05**2 / T, np.diag([(noise**2 + 1e-6) * T**2, 0.0])  # of the speed, by sample
+    R, Q = 0.05**2 / T, np.diag([(noise**2 + 1e-6) * T**2, wander**2 * T])  # by sample
     F, P, state = np.array([[1, -T], [0, 1.0]]), np.diag([0.04, spread**2]), np.array([17.0, 0.0])
     for k, rim in enumerate((17.02, 17.05, 17.03)):
         if k:
