@@ -37,6 +37,18 @@ gc.set_threshold(50_000, 20, 20)  # as in a command: a fifth of the CPU time of 
 settings.load_profile("quick")  # pytest --hypothesis-profile=hunt looks for new failures
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of a test of several cases that is marked ``others(TIER)`` all but the first are of TIER."""
+    begun = set()
+    for item in items:
+        if mark := item.get_closest_marker("others"):
+            name = item.nodeid.partition("[")[0]
+            if name in begun:
+                item.add_marker(mark.args[0])
+            begun.add(name)
+
+
 def pytest_collection_finish() -> None:
     """What is imported stays: no collection looks at it again."""
     gc.freeze()

@@ -17,6 +17,7 @@ from slipctl.study.resolve import load_block, model_files
 
 @pytest.mark.second
 @pytest.mark.parametrize("name", LAWS)
+@pytest.mark.others("long")
 def test_an_enclosure_holds_every_sample_and_is_not_much_wider(name):
     """1.3 times at most, over slips and parameters; ``.ci/full`` tries 10 000 boxes."""
     law = load_block(name)

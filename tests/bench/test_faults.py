@@ -129,6 +129,7 @@ def test_the_loop_in_c_is_that_of_python(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["hst_braking:eppfc@real", "hst_braking:pid"])
+@pytest.mark.others("long")
 def test_a_controller_is_never_refused_for_good(name, tmp_path):
     """100 ticks without the wheel speed, in the middle of a run: the wheel slides meanwhile.
 
@@ -307,6 +308,7 @@ def test_missing_samples_do_no_harm_to_predictive_control(name, tmp_path):
     ("name", "real"),
     [("search_printed", "double"), ("eppfc_estimated", "double"), ("eppfc_printed", "float")],
 )
+@pytest.mark.others("long")
 def test_constant_inputs_refuse_no_tick_for_ever(name, real, tmp_path):
     """No train does that; a search, a bias and a fit ran to the ends of their ranges and stayed.
 

@@ -102,8 +102,11 @@ def test_it_is_refused_in_these_words(what):
 
 def test_a_guard_lets_pass_what_its_part_takes():
     """Euler's steps may be twice as long as the time constant, implicit ones as one likes."""
-    sampled(tank, 0.5, "euler").composition.guard({"tau": 0.3})
-    sampled(tank, 0.5, "implicit_euler").composition.guard({"tau": 1e-3})
+    guard = sampled(tank, 0.5, "euler").composition.guard
+    assert guard({"tau": 0.26}) is None
+    with pytest.raises(BadInput, match="which allows 480 ms"):
+        guard({"tau": 0.24})
+    assert sampled(tank, 0.5, "implicit_euler").composition.guard({"tau": 1e-3}) is None
     check_guards(connect("c", {}, a=line, t=sampled(tank, 0.5, "euler")))
 
 

@@ -272,6 +272,7 @@ def test_controller_in_c_repeats_the_run(run: Any, tmp_path: Path) -> None:
 @pytest.mark.second
 @needs_compiler
 @pytest.mark.parametrize("choices", [{"discretisation": "proper_implicit"}, {"gains": "printed"}])
+@pytest.mark.others("long")
 def test_other_forms_of_the_controller(choices: Any, run: Any, tmp_path: Path) -> None:
     loop, log = run
     inputs = codegen.logged_inputs(loop, "ctl", log)
@@ -562,6 +563,7 @@ def test_check_notices_a_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 @pytest.mark.second
 @needs_compiler
 @pytest.mark.parametrize("what", ["differences", "_own_test"])
+@pytest.mark.others("long")
 def test_check_fails_by_each_of_its_two_comparisons(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
 ) -> None:

@@ -266,6 +266,7 @@ def test_outputs_are_limited_and_the_step_counts(real: str, tmp_path: Path) -> N
 @pytest.mark.second
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("name", BLOCKS)
+@pytest.mark.others("long")
 def test_any_bytes_as_inputs(name: str, real: str, tmp_path: Path) -> None:
     """Outputs finite and in range, states finite, whatever the bits of the inputs are."""
     block = BLOCKS[name]()
@@ -296,6 +297,7 @@ def test_any_bytes_as_inputs(name: str, real: str, tmp_path: Path) -> None:
 
 @pytest.mark.second
 @pytest.mark.parametrize("real", REALS)
+@pytest.mark.others("long")
 def test_replay_with_ticks_off_range_agrees_with_the_guarded_block(
     real: str, tmp_path: Path
 ) -> None:
@@ -438,6 +440,7 @@ def test_safe_values_are_given_while_a_step_is_refused(real: str, tmp_path: Path
 
 @pytest.mark.second
 @pytest.mark.parametrize("real", REALS)
+@pytest.mark.others("long")
 def test_safe_values_are_told_tested_and_replayed(real: str, tmp_path: Path) -> None:
     ticks = 200
     inputs = {"e": np.where(np.arange(ticks) % 5 == 0, 0.9, 0.01), "w": np.full(ticks, 2.0)}
@@ -669,6 +672,7 @@ def test_random_numbers_are_the_same_in_float(tmp_path: Path) -> None:
 
 @pytest.mark.second
 @pytest.mark.parametrize("real", REALS)
+@pytest.mark.others("long")
 def test_cmake_builds_and_tests(real: str, tmp_path: Path) -> None:
     cmake, ctest = shutil.which("cmake"), shutil.which("ctest")
     if cmake is None or ctest is None:
@@ -685,6 +689,7 @@ def test_cmake_builds_and_tests(real: str, tmp_path: Path) -> None:
 
 @pytest.mark.second
 @pytest.mark.parametrize("real", REALS)
+@pytest.mark.others("long")
 def test_cmake_builds_for_a_board_and_ctest_runs_it_there(real: str, tmp_path: Path) -> None:
     tools = ("cmake", "ctest", targets.EMULATOR, "gcc")
     missing = [t for t in tools if shutil.which(t) is None]
@@ -734,6 +739,7 @@ def test_make_builds_again_with_another_compiler(tmp_path: Path) -> None:
 
 @pytest.mark.second
 @pytest.mark.parametrize("name", BLOCKS)
+@pytest.mark.others("long")
 def test_float_links_nothing_of_double_on_a_cortex_m4(name: str, tmp_path: Path) -> None:
     """In double the helpers are there, so the search for them finds what it looks for."""
     try:

@@ -132,6 +132,7 @@ def test_the_folder_tests_itself_with_counters(tmp_path):
 @pytest.mark.second
 @pytest.mark.skipif(compilers.first_compiler() is None, reason="no C compiler here")
 @pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.others("long")
 def test_the_own_test_counts_calls_of_slow_parts(tmp_path, real):
     """A late call finds them behind by the ticks that were missed; it did not expect that."""
     assert codegen.export(LOOP, tmp_path / "ctl", check=True, real=real, counter=True).passed

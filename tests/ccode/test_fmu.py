@@ -170,6 +170,7 @@ def subway() -> tuple[Block, Any]:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.others("long")
 def test_plant_and_controller_split_between_two_fmus(
     version: int, subway: tuple[Block, Any], tmp_path: Path
 ) -> None:
@@ -266,6 +267,7 @@ def test_a_step_of_any_size_holds_the_last_tick(version: int, lags: Path, tmp_pa
 
 
 @pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.others("long")
 def test_a_master_with_any_interval_ends(version: int, tmp_path: Path) -> None:
     """FMPy, which tries again for ever what is discarded; a plant holds the ticks that are over."""
     plant = sampled(subway_braking.plant(brake=brakes.brake()), 1e-3, "rk4", substeps=10)
@@ -426,6 +428,7 @@ def test_start_values_are_refused_late_and_off_range_and_forgotten_by_reset(
 
 
 @pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.others("long")
 def test_a_plant_starts_at_another_speed(version: int, tmp_path: Path) -> None:
     """The wheel turns with the train: its start value, v/r, follows the one that was set."""
     plant = sampled(subway_braking.plant(brake=brakes.brake()), 1e-3, "rk4")
@@ -507,6 +510,7 @@ def test_same_bytes_units_and_sources(lags: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.others("long")
 def test_sources_compile_alone_and_two_fmus_link(version: int, lags: Path, tmp_path: Path) -> None:
     compiler = compilers.compilers()[0]
     codegen.export(lag, tmp_path / "b", "other", fmus=True)

@@ -84,6 +84,7 @@ def test_calls_go_to_contracts_and_lines_stay(made) -> None:
 
 @needs_tool
 @pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.others("long")
 def test_a_module_of_many_functions_is_proven(made, real: str) -> None:
     said = module_proof.run_eva(*made[real])
     assert said["passed"], said
@@ -104,6 +105,7 @@ def test_a_module_of_many_functions_is_proven(made, real: str) -> None:
         (r"if \(latest != z_next\)", "if (latest == z_next)"),  # not given where it is asked for
     ],
 )  # fmt: skip
+@pytest.mark.others("long")
 def test_what_breaks_a_promise_is_not_proven(made, old: str, new: str) -> None:
     plan, texts = made["double"]
     changed, n = re.subn(old, new, texts["ctl_parts.h"])

@@ -99,6 +99,7 @@ def test_the_fuzzer_finds_nothing_in_what_is_sound() -> None:
         ("now->z[0] =", "now->z[(int)param->k] =", "runtime error"),
     ],
 )  # fmt: skip
+@pytest.mark.others("long")
 def test_the_fuzzer_finds_what_is_broken(old: str, new: str, finding: str) -> None:
     plan = Plan(sums)
     made = codegen.texts(plan)
@@ -271,6 +272,7 @@ def test_drift_is_told_from_noise() -> None:
 
 @needs_compiler
 @pytest.mark.parametrize("name", ["hst_braking", "freight_traction"])
+@pytest.mark.others("long")
 def test_loops_on_their_own_noise_stay_bounded(name: str) -> None:
     """The closed loop in C for 3e5 ticks; 1e8 in docs/evidence/endurance.json."""
     from bench.endurance import SUBJECTS, run

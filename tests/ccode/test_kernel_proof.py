@@ -67,6 +67,7 @@ def test_calls_go_to_contracts_and_lines_stay() -> None:
 
 @needs_tool
 @pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.others("long")
 def test_a_module_with_casadis_text_is_proven(real: str) -> None:
     plan = Plan(folded, "ctl", 0.01, real)
     said = module_proof.run_eva(plan, codegen.texts(plan))
@@ -89,6 +90,7 @@ def test_a_module_with_casadis_text_is_proven(real: str) -> None:
         ("arg1[1] = ", "arg1[1] = NULL; arg1[0] = "),  # an argument that is not there
     ],
 )  # fmt: skip
+@pytest.mark.others("long")
 def test_what_breaks_a_contract_is_not_proven(old: str, new: str) -> None:
     text = MADE[PARTS]
     assert old in text

@@ -20,6 +20,7 @@ FREE = ("T_out", "T_b", "T_cmd", "F_contr")
 @pytest.mark.second
 @pytest.mark.parametrize("name", ["subway_braking", "hst_braking", "freight_traction",
                                   "hst_traction"])  # fmt: skip
+@pytest.mark.others("long")
 def test_a_limit_that_is_raised_is_not_cut_by_a_number(name):
     """Of each law of a study: with twice the limit the range of the command has room for it."""
     study = resolve.load_study(name)

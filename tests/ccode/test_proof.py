@@ -112,6 +112,7 @@ def test_ranges_that_only_the_guards_keep_are_proven() -> None:
         ("    next->x =", "    double a[2];\n    next->x = a[1] +", "initialization"),
     ],
 )  # fmt: skip
+@pytest.mark.others("long")
 def test_what_is_broken_is_not_proven(old: str, new: str, finding: str) -> None:
     plan = Plan(sums)
     made = codegen.texts(plan)
@@ -125,6 +126,7 @@ def test_what_is_broken_is_not_proven(old: str, new: str, finding: str) -> None:
 @pytest.mark.parametrize(
     ("name", "real"), [("subway_braking:smc", "float"), ("subway_braking:sta", "double")]
 )
+@pytest.mark.others("long")
 def test_short_controllers_are_proven(name: str, real: str) -> None:
     study, _, loop = name.partition(":")
     found = resolve.load_study(study)

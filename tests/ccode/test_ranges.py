@@ -24,6 +24,7 @@ except BadInput:
 @pytest.mark.parametrize("name", [
     pytest.param(n, marks=pytest.mark.long) if n == "leaf_fall" else n for n in resolve.studies()
 ])  # fmt: skip
+@pytest.mark.others("long")
 def test_every_signal_of_a_controller_has_a_range(name):
     """Both ends, numbers or expressions; and each input and each output says why it is so."""
     study = resolve.load_study(name)

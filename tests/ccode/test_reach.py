@@ -106,6 +106,7 @@ def test_what_no_input_reaches_is_told(tmp_path: Path) -> None:
         ("state->guard.refused = (turn < 3U) ? refused : 0U;", "", "no reset"),
     ],
 )  # fmt: skip
+@pytest.mark.others("long")
 def test_the_own_test_sees_a_guard_that_is_broken(tmp_path: Path, what, to, finds) -> None:
     folder = codegen.export(law, tmp_path / finds, inputs={"u": np.zeros(20)}).folder
     assert "0 trials went wrong" in _test(folder)

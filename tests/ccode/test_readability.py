@@ -66,6 +66,7 @@ def test_the_source_is_no_longer_and_has_no_more_locals_without_a_name(written) 
 
 @pytest.mark.second
 @pytest.mark.parametrize("name", LONGER)
+@pytest.mark.others("long")
 def test_other_sources_are_no_longer_either(name: str) -> None:
     study, _, loop = name.partition(":")
     found = resolve.load_study(study)
@@ -422,6 +423,7 @@ def test_copies_of_a_block_keep_the_names_of_its_locals() -> None:
 
 @pytest.mark.second
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.others("long")
 def test_a_state_machine_is_a_switch_that_goes_where_the_model_goes(tmp_path, seed: int) -> None:
     """Any transitions, those from every state among them, over any signals: all are taken."""
     rng = np.random.default_rng(seed)

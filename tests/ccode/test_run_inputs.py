@@ -65,6 +65,7 @@ def test_a_folder_that_is_only_written_rolls_what_it_keeps(tmp_path, monkeypatch
 
 @pytest.mark.second
 @pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.others("long")
 def test_states_of_a_large_file_stand_in_some_ticks(tmp_path, monkeypatch, real):
     """All inputs and outputs are replayed; a state that goes astray is seen at the next look."""
     inputs = {"u": np.random.default_rng(5).standard_normal(TICKS)}

@@ -111,6 +111,7 @@ int main(void)
 
 @pytest.mark.second
 @pytest.mark.skipif(shutil.which("frama-c") is None, reason="no Frama-C")
+@pytest.mark.others("long")
 def test_eva_proves_the_command_of_an_axle_whatever_its_slip_control_says(
     files: dict[str, str], tmp_path: Path
 ) -> None:

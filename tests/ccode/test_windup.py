@@ -69,6 +69,7 @@ def _rolled(block: Block, rows: dict[str, np.ndarray], command: str) -> np.ndarr
 
 
 @pytest.mark.parametrize("name", LAWS)
+@pytest.mark.others("long")
 def test_no_law_winds_up_behind_any_of_its_limits(name):
     limits, given, (error, at_limit, after), (command, sign) = LAWS[name]
     _, loop, part, _ = next(controllers([name]))

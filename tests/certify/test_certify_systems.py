@@ -397,6 +397,7 @@ def altered(payload, path, change):
 
 @pytest.mark.second
 @pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.others("long")
 def test_every_altered_number_fails(name):
     """Each text of a certificate and of a refutation."""
     for numbers in (GOOD[name], BAD[name]):

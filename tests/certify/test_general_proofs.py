@@ -36,6 +36,7 @@ def test_what_no_generic_proof_holds_keeps_its_own(name, numbers):
 
 @pytest.mark.second
 @pytest.mark.parametrize(("name", "numbers"), HELD)
+@pytest.mark.others("long")
 def test_cells_hold_an_error_behind_a_lag(name, numbers):
     assert asked(name, numbers)
 

@@ -60,6 +60,7 @@ SLIDING = dict(k=F(1), rho=F(1, 10), beta=F(1, 50), slope=F(66, 100), least=F(1,
     ("saturation_compensation", dict(k1=F(1, 2), k3=F(1, 5), M=F(500000), F_min=F(-10**5),
                                      F_max=F(10**5), F_low=F(-9 * 10**4), F_high=F(9 * 10**4)), 1),
 ])  # fmt: skip
+@pytest.mark.others("long")
 def test_steps_of_held_errors_and_others(name, numbers, many):
     """The cubic of the barrier, each side of its polygon, one tick of a seeker, of a filter.
 

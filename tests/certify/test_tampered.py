@@ -135,6 +135,7 @@ def test_what_an_alteration_does_is_what_it_did(name: str) -> None:
 
 @pytest.mark.second
 @pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.others("long")
 def test_what_is_no_number_is_refused_in_words(name: str) -> None:
     """Anywhere in a file: refused by a line, never by an error from inside."""
     for payload in certificates(name)[:2]:

@@ -121,6 +121,7 @@ def test_full_goes_on_where_it_was_stopped(monkeypatch: pytest.MonkeyPatch) -> N
 
 @pytest.mark.second
 @pytest.mark.parametrize("done", [1, 4])
+@pytest.mark.others("long")
 def test_full_that_was_stopped_ends_in_the_same_files(
     monkeypatch: pytest.MonkeyPatch, done: int
 ) -> None:
@@ -207,6 +208,7 @@ def test_files_of_others_in_the_folder_stay() -> None:
 
 @pytest.mark.second
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.others("long")
 def test_a_stopped_run_says_so_and_leaves_nothing_of_another(number: int) -> None:
     run("--full")
     process = started(slow(), "--quick", "--full", "--set", "car.m=12t", "--out", "o")
@@ -265,6 +267,7 @@ toy.study = replace(toy.study, cases=cases)
 @pytest.mark.second
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
 @pytest.mark.parametrize("where", ["| true", "> /dev/full", ">&-"])
+@pytest.mark.others("long")
 def test_results_are_written_before_anything_is_printed(where: str) -> None:
     command = f"{sys.executable} -m slipctl.commands.cli -q run {TOY} --quick --out o {where}"
     done = subprocess.run(command, shell=True, capture_output=True, text=True)

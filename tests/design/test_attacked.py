@@ -35,6 +35,7 @@ def verdict(name: str, numbers: dict[str, float]) -> str:
     [("super_twisting", TWISTING), ("prescribed_performance", FUNNEL),
      ("barrier_lyapunov", BARRIER)],
 )  # fmt: skip
+@pytest.mark.others("long")
 def test_a_promise_that_holds_survives(name: str, numbers: dict[str, float]) -> None:
     assert verdict(name, numbers) == "CERTIFIED"
     found = attacked.attack(name, numbers, copies=20, runs=1000, seed=1)

@@ -195,6 +195,7 @@ def tuned(
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_the_search_ends_along_the_slope(monkeypatch: pytest.MonkeyPatch) -> None:
     """With slopes the mean is lower than without, at the same search; a wrong slope is not used."""
     found = tuned()

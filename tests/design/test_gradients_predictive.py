@@ -66,6 +66,7 @@ FORMS = [
 
 
 @pytest.mark.parametrize("options", FORMS, ids=str)
+@pytest.mark.others("long")
 def test_every_slope_is_that_of_differences(options: dict[str, Any]) -> None:
     """To 1e-5, by weights, by what the plan believes and by the plant; limits hold in each form."""
     block = loop(**options)

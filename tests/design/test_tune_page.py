@@ -205,6 +205,7 @@ def test_the_page_says_how_it_was_searched(found: Tuned) -> None:
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_the_terminal_says_it_too(one: Tuned, two: Tuned) -> None:
     shown = page.text(one)
     assert str(one.search.spent) in shown

@@ -65,6 +65,7 @@ LONG = (
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=pytest.mark.long) if n in LONG else n for n in PAGES]
 )
+@pytest.mark.others("long")
 def test_code_of_the_page_runs(name, tmp_path):
     run_page(DOCS / name, tmp_path / "empty")
 

@@ -49,6 +49,7 @@ def run(place: Path, *words: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+@pytest.mark.long
 def test_what_the_page_adds_passes_the_tests_that_it_prints(extended):
     done = run(extended, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider",
                "--rootdir", str(extended), "tests")  # fmt: skip
@@ -57,6 +58,7 @@ def test_what_the_page_adds_passes_the_tests_that_it_prints(extended):
     assert len(list(extended.rglob("test_*.py"))) == 7  # one of each worked example
 
 
+@pytest.mark.long
 def test_the_commands_of_the_page_answer_as_it_prints(extended):
     shown = re.findall(r"^```console\n(.*?)^```$", PAGE, re.M | re.S)
     asked = [

@@ -671,6 +671,7 @@ def _told_after_a_shift(shift, noise=0.0, memory=32, latest=6, before=60, seeds=
 @pytest.mark.second
 @pytest.mark.parametrize("latest", [1, 6, 30])
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.others("long")
 def test_the_detection_limit_is_where_it_is_said_to_be(noise, latest):
     """Half the limit is told never or by chance, twice the limit in nearly every run.
 

@@ -9,6 +9,7 @@ from equipment import drawn, ended, loads, wheelsets
 @pytest.mark.parametrize(
     "seed", [*range(6), *(pytest.param(k, marks=pytest.mark.long) for k in range(6, 12))]
 )
+@pytest.mark.others("long")
 def test_a_drawn_vehicle_is_refused_told_or_right(seed, tmp_path):
     how, lines = ended(drawn(seed), tmp_path)
     assert how in ("refused", "told", "right"), lines

@@ -91,6 +91,7 @@ def test_a_layer_that_nothing_cleans_is_a_rail_condition(tmp_path):
 
 @pytest.mark.second
 @pytest.mark.parametrize("law", ["falling_creep", "contact.polach", "exponential_tail"])
+@pytest.mark.others("long")
 def test_the_peak_of_a_place_is_the_number_that_it_has(tmp_path, law):
     """Of any creep law, in any sign convention, at the speed at the start."""
     own = law == "falling_creep"
@@ -119,6 +120,7 @@ def test_the_peak_of_a_place_is_the_number_that_it_has(tmp_path, law):
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_what_the_rail_carries_follows_the_train(tmp_path):
     """The peak under each axle, in the log of a run, is that of its own blend of curves."""
     trip = read(tmp_path, FILE)
@@ -309,6 +311,7 @@ rate = "30 g/s"
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_sand_is_found_by_the_axles_behind_its_nozzle(tmp_path):
     """rate/v by metre on each rail, less the share that each wheel takes; none before the delay."""
     slow = FILE.replace("1e-4 m/J", "0 m/J").replace(PLACES, "")
@@ -350,6 +353,7 @@ def test_sand_that_falls_behind_its_wheel_is_refused(tmp_path, old, new, words):
     (0.2, "0 m/J", "1234"), pytest.param(0.03, "0 m/J", "", marks=pytest.mark.long),
     (0.03, "3e-4 m/J", "34"),
 ])  # fmt: skip
+@pytest.mark.others("long")
 def test_a_brake_that_is_held_back_is_told_where_the_layer_carries_the_demand(
     tmp_path, peak, tau, axles
 ):

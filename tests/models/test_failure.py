@@ -398,6 +398,7 @@ def test_below_the_cut_off_the_demand_is_given():
 
 @pytest.mark.second
 @pytest.mark.parametrize(("stands", "limit"), [(0, 10.0), (1, 3.0)])
+@pytest.mark.others("long")
 def test_a_release_has_a_limit_and_is_tried_again(stands, limit):
     command = Command()
     got = np.array([command.tick(0.0, 5e3, stands=stands) for _ in range(round(2.3 * limit / H))])

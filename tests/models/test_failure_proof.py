@@ -88,6 +88,7 @@ def axle_of_each(signals):
 
 @pytest.mark.second
 @pytest.mark.parametrize("law", ["pid", "super_twisting", "predictive"])
+@pytest.mark.others("long")
 def test_what_is_believed_of_an_axle_moves_no_state_and_no_command_of_another(law):
     """By the structure of the equations, so for any numbers and any number of ticks.
 

@@ -48,6 +48,7 @@ def trip_of(folder, period, control=None):
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_it_holds_between_its_own_samples(tmp_path):
     trip = replace(trip_of(tmp_path, "10 ms"), duration=5.0, end="")
     log = simulate(loop(trip, "pi"), scenario(trip))

@@ -157,6 +157,7 @@ def test_curves_over_their_heights_in_the_description(eppfc, tmp_path: Path):
 @pytest.mark.second
 @needs_compiler
 @pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.others("long")
 def test_changed_points_in_c_are_those_in_python(eppfc, real: str, tmp_path: Path):
     """The module with other points is the block with them, and not the one without."""
     n = 400

@@ -218,6 +218,7 @@ CASES = {
 
 @pytest.mark.second
 @pytest.mark.parametrize("case", CASES)
+@pytest.mark.others("long")
 def test_trains_without_protection_stop_where_another_code_says(case):
     """T1 to T3: way and time to 1e-4, heat to its digits, the longest lock to two of its own ticks.
 
@@ -235,6 +236,7 @@ def test_trains_without_protection_stop_where_another_code_says(case):
 
 @pytest.mark.second
 @pytest.mark.parametrize(("cell", "h"), [(2.0, 4e-3), (0.4, 1e-3), (0.31, 2e-3), (0.05, 2e-4)])
+@pytest.mark.others("long")
 def test_energy_is_exact_at_any_step_and_cell(cell, h):
     """A5, A6: what the train gives is on the rail, however coarse step and cell are."""
     stop = braked((0.0, 8.0), 0.6, 3.4e-5, (60.0, 140.0), cell=cell, h=h)

@@ -70,6 +70,7 @@ def test_no_law_of_a_drawn_vehicle_contradicts_what_feeds_it(seed):
 
 @pytest.mark.second
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.others("long")
 def test_no_law_of_any_controller_contradicts_what_feeds_it(kind):
     assert contradictions(control_of(len(kind), kind)) == {}
 

@@ -67,6 +67,7 @@ def test_the_critical_fall_is_that_of_the_eigenvalues_and_the_one_that_is_certif
 
 @pytest.mark.second
 @pytest.mark.parametrize("slip", [0.5, 1.0, 2.0])
+@pytest.mark.others("long")
 def test_the_limit_cycle_is_between_sticking_and_twice_the_slip(slip):
     """Torque near s sqrt(2 k J)/r; on a contact that is stiff, so that it sticks."""
     law = falling_creep.with_params(mu_0=0.36, A=0.38, B=0.70, c=1500.0)

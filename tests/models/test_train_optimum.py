@@ -137,6 +137,7 @@ SAVED = {(4, 3.4e-5): 0.4, (4, 1.8e-4): 16, (8, 3.4e-5): 4, (8, 1e-4): 21, (8, 1
 
 @pytest.mark.second
 @pytest.mark.parametrize(("axles", "tau"), SAVED)
+@pytest.mark.others("long")
 def test_how_much_shorter_than_each_axle_at_its_peak(axles, tau):
     t = train(places(axles // 4), tau)
     greedy, best = (stop(t, Rule(t, own, 26.0), 25.0, 2.0).distance for own in (True, False))
@@ -146,6 +147,7 @@ def test_how_much_shorter_than_each_axle_at_its_peak(axles, tau):
 @pytest.mark.second
 @pytest.mark.parametrize("cars", [2, 3, 4])
 @pytest.mark.parametrize("tau", [1e-4, 1.8e-4])
+@pytest.mark.others("long")
 def test_one_large_slip_for_all_is_shorter_than_the_best_slip_of_each(cars, tau):
     """From 8 axles and 1e-4 m/J on, by a tenth of the distance or more."""
     t = train(places(cars), tau)
@@ -167,6 +169,7 @@ REFERENCE = pytest.mark.parametrize(
 @pytest.mark.parametrize(
     ("cars", "tau", "stretches", "greedy", "best"), CASES, ids=["O1", "O2", "O3"]
 )
+@pytest.mark.others("long")
 def test_the_program_is_within_1e_4_of_the_optimum(cars, tau, stretches, greedy, best):
     t = train(places(cars), tau, stretches=stretches)
     assert stop(t, Rule(t, True, 26.0), 25.0).distance == pytest.approx(greedy, rel=1e-5)

@@ -203,6 +203,7 @@ def test_a_state_machine_beside_it_has_neither_plan_nor_field():
     (plan_of(8, learn=True).with_params(strength=5e-5), ("factor",)),
     (AXLE, ("value", "rate")),
 ], ids=["plan", "axle"])  # fmt: skip
+@pytest.mark.others("long")
 def test_its_c_is_the_model_to_the_bit(block, given, tmp_path):
     """Some hundred ticks of a stop from 40 m/s, the strength and the adhesion on the move."""
     n, random = 300, np.random.default_rng(1)

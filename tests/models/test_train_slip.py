@@ -102,6 +102,7 @@ def test_samples_that_say_nothing_leave_the_layer():
     *(pytest.param(*case, marks=pytest.mark.long) for case in (
         (3, 0.7, 1, 20.0), (8, 0.7, 1, 25.0), (10, 0.7, 1, 25.0), (4, 0.4, 1, 20.0))),
 ])  # fmt: skip
+@pytest.mark.others("long")
 def test_caution_keeps_a_train_that_knows_the_strength_within_three_near_best_slips(
     axles, floor, layers, speed
 ):

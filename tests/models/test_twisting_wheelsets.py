@@ -58,6 +58,7 @@ def swung(block, slip, ticks, kick=1e-3):
 
 @pytest.mark.second
 @pytest.mark.parametrize("slip", [0.5, 1.0, 2.0])
+@pytest.mark.others("long")
 def test_the_limit_cycle_has_the_torque_of_the_closed_form_and_costs_adhesion(slip):
     """37.0, 77.1 and 154.5 kN m here; another simulation has 37.0, 78.9 and 156."""
     block = one_axle(Wheelset((150.0, 150.0), (K,), (0, 1), LOAD, RADIUS), 1500.0)
@@ -71,6 +72,7 @@ def test_the_limit_cycle_has_the_torque_of_the_closed_form_and_costs_adhesion(sl
 @pytest.mark.second
 @pytest.mark.parametrize("inertias", [(150.0, 150.0), (700.0, 150.0, 150.0)])
 @pytest.mark.parametrize(("share", "grows"), [(0.98, False), (1.02, True)])
+@pytest.mark.others("long")
 def test_a_mode_grows_beyond_the_critical_fall_and_not_before(inertias, share, grows):
     """The slip where the curve falls by that much of the critical fall of the wheelset."""
     stiffness = (2.2e6, K)[-(len(inertias) - 1) :]

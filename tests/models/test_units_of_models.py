@@ -43,6 +43,7 @@ def test_units_of_every_model_fit(name):
 @pytest.mark.second
 @pytest.mark.parametrize(("file", "loop"), [("metro.toml", "super_twisting"), ("metro.toml", "pid"),
                                             ("emu.toml", "wsp"), ("emu.toml", "pi")])  # fmt: skip
+@pytest.mark.others("long")
 def test_units_of_every_part_of_a_vehicle_fit(file, loop):
     found = case(trip_files.load_trip(str(FILES / file))).loops[loop]
     leaves = {id(leaf._made): (path, leaf) for path, leaf in found.leaves()}

@@ -70,6 +70,7 @@ def written(folder: Path, text: str, *changes: tuple[str, str]) -> resolve.Study
     ],
     ids=["as it is", "driven", "a share of the speed", "a slip speed", "other laws"],
 )  # fmt: skip
+@pytest.mark.others("long")
 def test_no_number_of_a_controller_is_without_a_range(tmp_path, text, changes):
     """Nor of one that is told another reference, or has another law."""
     study = written(tmp_path, text, *changes)
@@ -82,6 +83,7 @@ def test_no_number_of_a_controller_is_without_a_range(tmp_path, text, changes):
 @pytest.mark.parametrize(("wheel", "speed"), [
     pytest.param(*pair, marks=pytest.mark.long) if k % 2 else pair for k, pair in enumerate(SENSORS)
 ])  # fmt: skip
+@pytest.mark.others("long")
 def test_every_true_sample_is_believed(tmp_path, text, wheel, speed):
     """Of any sensor that a file may name, on dry rail and on leaves."""
     study = written(tmp_path, text, (TOOTHED, wheel), (RADAR, speed), ('"17 s"', '"5 s"'))
@@ -121,6 +123,7 @@ def test_ten_wrong_wheel_speeds_do_nothing(tmp_path, text):
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_a_loop_that_sums_is_marked_once_for_the_proof(tmp_path, text):
     """Its functions are proven one by one, and some of its loops in pairs of turns."""
     study = written(tmp_path, text)

@@ -41,6 +41,7 @@ def margins(**options):
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_in_closed_loop_the_limit_is_broken_as_often_as_was_said():
     """The plan wants 2 m/s, so each next speed is planned at the limit, and noise decides."""
     block = nmpc(

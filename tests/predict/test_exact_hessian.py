@@ -150,6 +150,7 @@ def test_it_comes_down_to_ipopts_optimum_quadratically():
 
 @pytest.mark.second
 @pytest.mark.parametrize("options", [{}, {"split": True}, {"damping": 0.01, "grow": 1.1}], ids=str)
+@pytest.mark.others("long")
 def test_it_ends_where_gauss_newton_ends(options):
     """A soft limit that is exceeded, a lag, a rail: the same optimum by another way."""
     given = {"horizon": 4, "iterations": 12, "soft": {"s": (-0.1, 0.015, 30.0)}, **options}

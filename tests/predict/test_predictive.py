@@ -283,6 +283,7 @@ def test_a_solver_that_is_not_there_is_one_line(monkeypatch):
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_a_deadline_makes_the_same_passes_in_every_tick_and_the_same_controls():
     """All four, where two to three settle; a rate may need more, which is told."""
     found, usual = (closed_loop(make(passes=4, **o)) for o in (dict(deadline=True), dict(rescue=0)))
@@ -310,6 +311,7 @@ def test_a_broken_problem_holds_the_plan_and_recovers():
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_limits_are_kept_from_many_starts_in_closed_loop():
     """Recursive feasibility of bounds and rates, tried; a block that lies is caught."""
     block = make(rates={"u": 60.0})

@@ -146,6 +146,7 @@ def test_a_plan_that_branches_keeps_rates(solver, shared, moves):
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_a_branch_of_the_axle_behind_a_rate_is_ipopts():
     """Over a change of rail; 1e-5: IPOPT's end, 1e-8 of its slopes; the rate is kept."""
     given = {"horizon": 8, "scenarios": [{"mu_p": 0.6}, {}], "shared": 1, "rates": {"u": 20.0}}
@@ -183,6 +184,7 @@ def test_generated_c_branches_behind_a_rate(real, tmp_path):
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_a_plan_that_branches_is_less_careful_and_keeps_the_limits_of_each():
     """The first step has to do for both carts; what later ticks measure, it may count on."""
     given = {"scenarios": [{}, {"m": 0.5}], "hard": {"v": (-5.0, 0.5)}, "weights": {"f": 0.01}}

@@ -31,6 +31,7 @@ def closed_loop(options, prepares):
         {"scenarios": [{"mu_p": 0.6}, {}], "shared": 1, "rates": {"u": 20.0}},
     ],
 )  # fmt: skip
+@pytest.mark.others("long")
 def test_prepare_and_the_rest_give_the_bits_of_the_whole_tick(options):
     """Once, twice or not at all prepared, or in a block that is not split."""
     whole = closed_loop(options, 0)

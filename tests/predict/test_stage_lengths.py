@@ -56,6 +56,7 @@ def test_a_plan_is_shifted_by_the_first_stage():
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_half_as_many_stages_cost_the_same_and_rates_are_kept():
     """Reference problem, 20 stages against 10 to the same end."""
     assert closed_loop(slip(horizon=10, grow=1.18))[0] == pytest.approx(29.031, abs=5e-3)

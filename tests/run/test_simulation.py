@@ -101,6 +101,7 @@ LOOPS = {
 
 @pytest.mark.second
 @pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.others("long")
 def test_compiled_and_interpreted_runs_give_the_same_bits(name, needs_compiler):
     """Across changes of rail; with saturation, jumps, noise, Newton steps and skipped parts."""
     block, run = LOOPS[name](), three_rails(0.3)
@@ -373,6 +374,7 @@ def processes(count: int, cache) -> list[str]:
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_parallel_runs_share_the_cache_and_a_foreign_file_is_built_again(tmp_path, needs_compiler):
     """Two processes at once on a cold cache: one library, nothing half-written, the same bits."""
     first, second = processes(2, tmp_path)

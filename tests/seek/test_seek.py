@@ -303,6 +303,7 @@ def test_ticks_that_do_not_divide_the_search():
      {"form": "printed-alg1"}],
     ids=["paper", "odd", "spread", "printed"],
 )  # fmt: skip
+@pytest.mark.others("long")
 def test_compiled_gives_the_same_bits(options, needs_compiler):
     block, rows = search(**options), random_curves(30)
     interpreted, compiled = (roll(block, rows, c) for c in (False, True))

@@ -128,6 +128,7 @@ def test_every_free_number_does_something(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.parametrize("name", ["sta", "barrier", "hosm", "nmpc"])
+@pytest.mark.others("long")
 def test_a_slower_law_computes_with_its_own_sample_time(name: str) -> None:
     """Each 4th tick of the vehicle; what is discretised has 4 ms, and sensors and plant keep 1."""
     slow = loops("subway", 4, (name,))[name]

@@ -30,6 +30,7 @@ def verdict(name: str, results: Results | None = None):
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_means_are_over_whole_periods():
     """Item 14: half a second is 2.5 periods of the ripple; the whole ones reach 8.3 kN m."""
     found = verdict("torque_smes")

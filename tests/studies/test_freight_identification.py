@@ -33,6 +33,7 @@ def good(a: np.ndarray, low: float, high: float) -> bool:
 
 
 @pytest.mark.parametrize("method", [study.SQUARES, study.PROPER])
+@pytest.mark.others("long")
 def test_wide_run_identifies_in_95_of_100_seeds(method):
     v, _ = study.run("wide")
     assert len(v) >= 3000

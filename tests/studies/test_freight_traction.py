@@ -160,6 +160,7 @@ def test_authority_of_the_motor():
     ("scenario", "name"),
     [("real", "improved_robust"), ("base", "smes_corrected")],
 )
+@pytest.mark.others("long")
 def test_controller_in_c_repeats_the_run(scenario, name, tmp_path):
     """Observer, seeker, reference, law and lead as one step."""
     loop, where = context().loop(scenario, name)

@@ -120,6 +120,7 @@ def test_best_slip_without_a_prior():
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_bound_forbids_50_ms_without_a_prior():
     lam = log("base", "eppfc_free")["plant.wheel.lam"].values[2000:]
     snow = RAILS["snow"]
@@ -173,6 +174,7 @@ def test_term_of_7_is_needed_where_the_certificate_says():
 
 @pytest.mark.second
 @pytest.mark.parametrize("name", ["eppfc", "eppfc_estimated"])
+@pytest.mark.others("long")
 def test_to_standstill_on_snow_without_lock(name):
     run = log("standstill_snow", name)
     v, lam = run["plant.wheel.v"].values, run["plant.wheel.lam"].values

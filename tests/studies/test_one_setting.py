@@ -26,6 +26,7 @@ def chosen() -> list[tuple[str, int, str, str, float]]:
 
 
 @pytest.mark.parametrize(("study", "k", "name", "what", "factor"), chosen(), ids=lambda x: f"{x}")
+@pytest.mark.others("long")
 def test_one_setting_equals_every_place_by_hand(study, k, name, what, factor):
     (found,) = compare(study, k, name, [(what, factor)], whole=False)
     assert found.startswith(("equal", "refused"))
@@ -92,6 +93,7 @@ STARTED = {"v": 17.0, "v_t": 3.0, "omega": 31.0, "omega_m": 45.0, "phi": 5.0, "T
 
 
 @pytest.mark.parametrize("study", STUDIES)
+@pytest.mark.others("long")
 def test_what_remembers_begins_as_the_plant_does(study):
     """Every memory moves with the plant's start, or is one of those that begin empty."""
     for _, k, name in loops(study):

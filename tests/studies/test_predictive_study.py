@@ -66,6 +66,7 @@ def test_osqp_keeps_a_hard_limit_and_prices_one_that_nobody_can_keep():
 
 
 @pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.others("long")
 def test_a_window_with_the_sign_of_slip_is_solved_in_every_tick(seed):
     """With seed 2 the interior point method stood still in one tick; the window is beyond it."""
     table = reference_speed(SimpleNamespace(seed=seed, compile=True))

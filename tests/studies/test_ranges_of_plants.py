@@ -64,6 +64,7 @@ def test_gravity_that_does_not_point_down_is_refused(wrong):
         ("subway_braking", "wheel.omega=1e300", "omega_start = 1e+300 rad/s is out of range"),
     ],
 )
+@pytest.mark.others("long")
 def test_the_command_refuses_them_in_a_line(study, number, said, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     words = ["run", study, "--quick", "--scenario", "base", "--set", number, "--out", "o"]

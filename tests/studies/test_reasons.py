@@ -64,6 +64,7 @@ def changed(study_name: str, name: str, share: float, loops: tuple[str, ...] = (
 
 
 @pytest.mark.parametrize("study", SOME)
+@pytest.mark.others("long")
 def test_no_reason_is_contradicted_by_a_run_with_a_parameter_off_by_a_fifth(study):
     name, loops = SOME[study]
     r = changed(study, name, 1.2, loops)

@@ -129,6 +129,7 @@ TURNS = {"fifth less": 0.8, "fifth more": 1.2}
 
 @pytest.mark.second
 @pytest.mark.parametrize("words", TURNS)
+@pytest.mark.others("long")
 def test_rows_that_turn_with_the_limit_of_the_torque_say_so(words):
     """A row of base turns with a brake that is a fifth weaker or stronger if it says so."""
     before, after = results(), results(TURNS[words], "T_max")

@@ -44,6 +44,7 @@ def test_sections_are_drawn_as_they_are_said_to_be():
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_random_sections_are_found_within_half_a_second():
     """30 of the 1000 sections of the experiment, noise-free: all within 5 % for good."""
     rng = np.random.default_rng(4)
@@ -54,6 +55,7 @@ def test_random_sections_are_found_within_half_a_second():
 
 @pytest.mark.second
 @pytest.mark.parametrize(("memory", "found"), [(1, False), (32, True)])
+@pytest.mark.others("long")
 def test_the_rail_that_one_residual_is_blind_to(memory, found):
     log = sections.drive(online(memory), list(BLIND), 0.0, 1)
     _, (estimate, slip, _) = sections.outcomes(log, list(BLIND))
