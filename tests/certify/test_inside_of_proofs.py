@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from decimal import Decimal
 from fractions import Fraction
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from scipy.spatial import ConvexHull
 from slipctl.certify.smooth.sums_check import _positive
 from slipctl.models.bounded_error.certificate import lagged_maps
 from slipctl.models.bounded_error.certificate.lagged_maps import Lagged, lag_numbers
-from slipctl.models.bounded_error.certificate.scalar_maps import CubicPull, Interval
+from slipctl.models.bounded_error.certificate.scalar_maps import AtanhPull, CubicPull, Interval
 from slipctl.models.cheng_2022.certificate.dither_search import TIE, first_of_the_best
 from slipctl.models.huang_2020.certificate import reaching_law_kind
 from slipctl.models.huang_2020.certificate.relay_orbits import _period
@@ -163,3 +164,17 @@ def test_without_a_gain_the_sampled_error_has_one_side() -> None:
     n = {"g1": Fraction(0), "g2": Fraction(12), "T": Fraction(1, 1000), "lag": Fraction(42, 10**4)}
     texts = [[s.text for s in reaching_law_kind._sampled(n | {"g1": Fraction(g)})] for g in (0, 36)]
     assert texts == [["0 < 1 + trace M + det M"], ["det M < 1", "0 < 1 + trace M + det M"]]
+
+
+@pytest.mark.parametrize("ends", [(-0.9, 0.8), (-0.9, -0.2), (-0.7, 0.1), (0.2, 0.9), (-0.1, 0.8)])
+def test_bounds_of_a_pull_hold_it_between_its_ends_too(ends: tuple[float, float]) -> None:
+    """It is largest inside, on either side: bounds by the ends alone would be too narrow."""
+    law = SimpleNamespace(above=AtanhPull(Decimal("1.3")),
+                          below=CubicPull(Decimal("2.7"), Decimal("1.1")))  # fmt: skip
+    low, high = (Decimal(repr(x)) for x in ends)
+    least, most = lagged_maps._pull_range(law, low, high)
+    every = [low + (high - low) * k / 100 for k in range(101)]
+    pulls = [law.above.at(y) if y >= 0 else -law.below.at(-y) for y in every]
+    assert least <= min(pulls)
+    assert max(pulls) <= most
+    assert float(most - least) < 1.4 * float(max(pulls) - min(pulls))

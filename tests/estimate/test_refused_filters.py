@@ -20,7 +20,7 @@ from slipctl import (
     observability,
     rls,
 )
-from slipctl.estimate.kalman.model import Problem
+from slipctl.estimate.kalman.model import Problem, by_name
 from slipctl.estimate.kalman.signals import Names
 from slipctl.estimate.log_fit import flow_fit
 
@@ -100,3 +100,11 @@ def test_a_start_variance_that_an_implicit_step_would_forget_is_refused(kind):
     with pytest.raises(BadInput, match=r"a step of 0\.04 ms too long"):
         kind(root, "x", "x", prior=10.0, period=0.01, substeps=250, **given)
     assert kind(root, "x", "x", prior=10.0, period=0.01, substeps=251, **given).period == 0.01
+
+
+def test_numbers_of_names_are_floats_by_whole_name_or_its_end():
+    units = {"a.v": "m/s", "b": "1"}
+    found = by_name("f", "noise", {"v": 3, "b": "2.5"}, units, "positive")
+    assert found == {"a.v": 3.0, "b": 2.5}
+    assert {type(x) for x in found.values()} == {float}
+    assert by_name("f", "noise", 0, units, "not negative") == {"a.v": 0.0, "b": 0.0}

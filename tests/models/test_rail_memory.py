@@ -311,3 +311,11 @@ def test_a_layer_recovers_by_energy_and_by_time_together(energy, time, n):
         share = float(np.ravel(field.f(*packed(field, x, u, field.param_values()))[1])[0])
         wanted = -expm1(-((3.4e-5 * energy) ** n) - time / 600.0) if inside else 1.0
         assert share == pytest.approx(wanted, rel=1e-9, abs=1e-12)
+
+
+def test_a_layer_that_dries_is_fouled_and_feels_its_own_contact_has_its_usual_numbers():
+    layer = Layer(drying=True, fouling=True, own=True)
+    field = rail_field(Cells((0.0, 3.0), 0.5, 50.0), 1e-3, layer)
+    numbers = field.param_values()
+    assert (numbers["T_dry"], numbers["T_foul"], numbers["v_0"]) == (600.0, 600.0, 0.1)
+    assert np.shape(field.start()["W_own"]) == (2,)

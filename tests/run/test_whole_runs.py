@@ -14,11 +14,13 @@ from slipctl import (
     Scenario,
     Section,
     State,
+    connect,
     prepare,
     simulate,
     step,
 )
 from slipctl.errors import RunFailed
+from slipctl.run.logs.run_log import log_columns
 
 
 @step(period=0.1, y=Output("m", "place"), pair=Output("1", "two", shape=(2,)))
@@ -100,3 +102,16 @@ def test_a_whole_run_over_a_rail_that_sets_an_input_is_the_run():
     log = simulate(swing.with_params(k=2.0), scenario, compile=False)
     assert whole.x[:, 0] == pytest.approx(log["x"].values)
     assert whole.u[:, 0].tolist() == [1.0] * 7 + [2.0] * 13
+
+
+def test_a_log_keeps_every_number_but_held_copies_and_counters():
+    @step(period=0.1, y=Output("1", "out"))
+    def counted(
+        tick=State("1", 0.0, "ticks"), held_y=State("1", 0.0, "held"),
+        y_1=State("1", 0.0, "before"), u=Input("1", "in", value=0.0),
+    ):  # fmt: skip
+        return dict(tick=tick + 1, held_y=u, y_1=u), dict(y=u + y_1)
+
+    loop = connect("loop", {"a.u": "go"}, a=counted)
+    assert set(log_columns(loop, None)) == {"go", "a.y", "a.y_1"}
+    assert set(log_columns(loop, {"a.held_y", "a.tick"})) == {"a.held_y", "a.tick"}
