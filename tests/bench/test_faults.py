@@ -106,6 +106,7 @@ def test_a_wrong_sample_of_the_adhesion_is_taken_back(name, tmp_path):
     assert [f.passed for f in found] == [True]
 
 
+@pytest.mark.long
 def test_the_loop_in_c_is_that_of_python(tmp_path):
     """Bit for bit, with a part that sees at once what it gives (a brake without lag) and without.
 

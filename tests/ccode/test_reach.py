@@ -146,6 +146,7 @@ def test_a_shipped_controller_is_reached(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name", ["predictive:nmpc", pytest.param("predictive:nmpc_told_dry", marks=pytest.mark.long)]
 )
+@pytest.mark.long
 def test_ways_of_a_solver_are_reached(name: str) -> None:
     """Rescue by the interior point, a solver that breaks, results that are refused."""
     found = reach.reached(name)

@@ -73,6 +73,7 @@ def test_it_opens_a_lock_that_the_own_test_does_not(tmp_path: Path) -> None:
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_inputs_stay_in_their_ranges_and_the_same_search_finds_the_same() -> None:
     """Ends and largest changes hold, from the last recorded tick on; a seed decides all."""
     plan, rows, told = found(2)

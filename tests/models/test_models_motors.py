@@ -75,6 +75,7 @@ def test_wrong_rotor_resistance_turns_the_frame_away_from_the_flux():
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_drive_in_the_train_and_what_the_lag_leaves_out():
     """On ice both let the wheels go alike, because the power limit rules; the response differs."""
     rail = Rail([Section(0, "dry"), Section(0.6, "ice"), Section(1.4, "dry")])

@@ -195,6 +195,7 @@ def test_heights_that_do_not_rise_are_refused_by_tune(eppfc, tmp_path: Path):
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_points_are_set_by_the_command(tmp_path: Path, capsys):
     """A list, each with its unit; another number of them is refused in one line."""
     assert cli.main(["c", "hst_braking:eppfc", "--set", "ctl.a1_at=[30, 26, 24]",

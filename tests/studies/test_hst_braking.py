@@ -244,6 +244,7 @@ def verdict(id: str, r: Results) -> tuple[str, str]:
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_overshoot_is_that_of_the_torque():
     """The paper's sentence is on Fig. 9, the torque; the slip's has its own row."""
     r = results()

@@ -79,6 +79,7 @@ def test_a_released_brake_limits_how_fast_the_slip_falls():
 
 
 @pytest.mark.second
+@pytest.mark.long
 def test_after_leaves_the_estimate_comes_back_on_seeds_that_chose_nothing():
     """Some of the forty that judge; the experiment ``leaves`` has all. 101 was lost when the
     estimator took the meter's noise as white: it stayed at .63 of the best slip.
