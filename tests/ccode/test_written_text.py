@@ -64,9 +64,10 @@ def crc(text: str) -> str:
 
 
 def settled(text: str) -> str:
-    """Without versions, and without numbers of lines, which move."""
+    """Without versions, and without numbers of lines, which move, and sums of texts with them."""
     for version in (ca.CasadiMeta.version(), __version__):
         text = text.replace(version, "VERSION")
+    text = re.sub(r"\{[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}\}", "{TOKEN}", text)
     return re.sub(r"(\.py:|\bline )\d+", r"\1N", text)
 
 
