@@ -57,6 +57,12 @@ def values(block: Block, given: Mapping[str, np.ndarray], many: int) -> tuple[Ro
     return at, after[0], after[1]
 
 
+def numbers(block: Block) -> dict[str, Any]:
+    """Its parameters: a number, or a list of several."""
+    found = {n: np.ravel(v) for n, v in block.param_values().items()}
+    return {n: v[0] if len(v) == 1 else v.tolist() for n, v in found.items()}
+
+
 def assert_same(found: Mapping[str, np.ndarray], wanted: Mapping[str, Any], **close: Any) -> None:
     """Each name has the same number at each point."""
     assert set(found) == set(wanted)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drawn_points import Draw, assert_same, values
+from drawn_points import Draw, assert_same, numbers, values
 
 from slipctl import Input, Output, Param, law
 from slipctl.models.huang_2020.subway_braking import double_exponential
@@ -21,11 +21,6 @@ ODD = Vehicle(mass=41e3, places=(0.0, 7.0, 16.0), axles=3, inertia=110.0, radius
 AIR = Air(torque=6.1e3, pressure=3.6e5, supply=5.2e5, volume=5e-3, fill=5e-3, vent=7e-3,
           discharge=0.8, air=280.0, dead_time=0.013, pulse=0.021, reservoir=0.11, reserve=7.7e5,
           charge=2e-3, weighed=30e3)  # fmt: skip
-
-
-def numbers(block):
-    found = {n: np.ravel(v) for n, v in block.param_values().items()}
-    return {n: v[0] if len(v) == 1 else v.tolist() for n, v in found.items()}
 
 
 def responses(block, command):

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from drawn_points import Draw, assert_same, values
+from drawn_points import Draw, assert_same, numbers, values
 
 from slipctl import BadInput
 from slipctl.models.huang_2020.subway_braking import double_exponential, peak_slip
@@ -33,11 +33,6 @@ from tests.models.test_slide_protection import train
 SETTINGS = SlipControl(period=2e-3, wake=0.6, least=0.4, off=1.7, rest=0.35, release=7.0,
                        release_still=2.5)  # fmt: skip
 MINE = replace(TRIP, control=SETTINGS, reference=SlipSpeed(slip=0.9))
-
-
-def numbers(block):
-    found = {n: np.ravel(v) for n, v in block.param_values().items()}
-    return {n: v[0] if len(v) == 1 else v.tolist() for n, v in found.items()}
 
 
 def test_a_wheel_is_that_of_the_vehicle_and_its_reference():

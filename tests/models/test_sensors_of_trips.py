@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
+from drawn_points import numbers
 
 from slipctl.models.vehicle import NoisySpeed, NoisyWheel, WheelsOnly
 from slipctl.models.vehicle.description import _placed
@@ -15,11 +15,6 @@ from slipctl.models.vehicle.parts.sensors import LargestWheel, SensorFault
 from tests.models.test_ends_and_demands_of_trips import TRIP
 
 UNLIKE = replace(TRIP, vehicle=replace(TRIP.vehicle, radius=(0.5, 0.45, 0.4)))
-
-
-def numbers(block):
-    found = {n: np.ravel(v) for n, v in block.param_values().items()}
-    return {n: v[0] if len(v) == 1 else v.tolist() for n, v in found.items()}
 
 
 def wheels(trip, part):
